@@ -1,0 +1,49 @@
+"""BEVTown: what do bird's-eye-view errors cost in closed-loop driving?
+
+Importing this package registers ``BEVTown01-v0`` and ``BEVTown02-v0`` with Gymnasium; anything
+heavier is loaded when it is first used.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+from .towns.registry import register_builtin_towns, register_town, road_network
+
+if TYPE_CHECKING:
+    from .env import BEVTownEnv
+    from .highway import BEVObservation
+    from .vector_env import BEVTownVectorEnv
+    from .wrappers import BEVOnly
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "BEVObservation",
+    "BEVOnly",
+    "BEVTownEnv",
+    "BEVTownVectorEnv",
+    "register_town",
+    "road_network",
+]
+
+_HOMES = {
+    "BEVObservation": "highway",
+    "BEVOnly": "wrappers",
+    "BEVTownEnv": "env",
+    "BEVTownVectorEnv": "vector_env",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})
+
+
+register_builtin_towns()

@@ -1,0 +1,259 @@
+"""Rendering the six BEV channels of every world."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .fill import fill_convex
+from .jit import kernel
+from .layout import (
+    DIRECTION_X,
+    DIRECTION_Y,
+    HEADING,
+    LANE_BIT,
+    LENGTH,
+    ROAD_BIT,
+    ROUTE_POSITION,
+    SIGNAL_YELLOW,
+    WIDTH,
+    RasterGrid,
+    Window,
+    X,
+    Y,
+)
+from .progress import route_pose
+
+ROAD, ROUTE, LANE, VEHICLES, PEDESTRIANS, LIGHTS = range(6)
+FIXED_POINT = 1 << 20
+
+
+@kernel
+def sample_row(bits: NDArray, column: int, row: int, dx: int, dy: int, values: NDArray) -> None:
+    """Read raster values along a line of fixed-point coordinates; 0 outside the raster."""
+    height, width = bits.shape
+    count = values.shape[0]
+    last_column, last_row = (column + dx * (count - 1)) >> 20, (row + dy * (count - 1)) >> 20
+    inside = (
+        min(column >> 20, last_column) >= 0
+        and max(column >> 20, last_column) < width
+        and min(row >> 20, last_row) >= 0
+        and max(row >> 20, last_row) < height
+    )
+    if inside:
+        flat = bits.reshape(-1)
+        for u in range(count):
+            # an unsigned index spares the check for negative ones
+            values[u] = flat[np.uint32(((row + u * dy) >> 20) * width + ((column + u * dx) >> 20))]
+    else:
+        for u in range(count):
+            r, c = (row + u * dy) >> 20, (column + u * dx) >> 20
+            values[u] = bits[r, c] if r >= 0 and c >= 0 and r < height and c < width else 0
+
+
+@kernel
+def sample_static(
+    bits: NDArray,
+    grid: RasterGrid,
+    window: Window,
+    x: float,
+    y: float,
+    cos: float,
+    sin: float,
+    bev: NDArray,
+) -> None:
+    """Sample the road and lane planes from the static raster (nearest pixel), every pixel."""
+    scale = grid.px_per_m / window.px_per_m
+    # one column to the right moves by (-sin, cos) in the world
+    dx = int(round(-sin * scale * FIXED_POINT))
+    dy = int(round(cos * scale * FIXED_POINT))
+    left = window.ego_column / window.px_per_m
+    values = np.empty(window.size, np.uint8)
+    for v in range(window.size):
+        ahead = (window.ego_row - v) / window.px_per_m
+        world_x = x + ahead * cos + left * sin
+        world_y = y + ahead * sin - left * cos
+        column = int(math.floor((world_x - grid.x0_m) * grid.px_per_m * FIXED_POINT))
+        row = int(math.floor((world_y - grid.y0_m) * grid.px_per_m * FIXED_POINT))
+        sample_row(bits, column, row, dx, dy, values)
+        for u in range(window.size):
+            # 0 - 1 wraps to 255
+            bev[ROAD, v, u] = np.uint8(0) - (values[u] & np.uint8(ROAD_BIT))
+            bev[LANE, v, u] = np.uint8(0) - ((values[u] & np.uint8(LANE_BIT)) >> np.uint8(1))
+
+
+@kernel
+def to_pixel(
+    window: Window, x: float, y: float, cos: float, sin: float, world_x: float, world_y: float
+) -> tuple[float, float]:
+    """BEV pixel (column, row) of a world point, seen from the ego pose."""
+    dx, dy = world_x - x, world_y - y
+    ahead = dx * cos + dy * sin
+    left = dx * sin - dy * cos
+    return (
+        window.ego_column - window.px_per_m * left,
+        window.ego_row - window.px_per_m * ahead,
+    )
+
+
+@kernel
+def draw_route(
+    plane: NDArray, window: Window, points: NDArray, size: int, spacing_m: float,
+    position_m: float, x: float, y: float, cos: float, sin: float,
+) -> None:
+    """Draw the planned lane centre from a route position to 80 m ahead as a band.
+
+    Samples with the same direction are merged into one quad, so a straight costs one.
+    """
+    end_m = min(position_m + window.route_ahead_m, (size - 1) * spacing_m)
+    half = window.route_half_width_m
+    columns, rows = np.empty(4), np.empty(4)
+    px, py, dir_x, dir_y = route_pose(points, size, spacing_m, position_m)
+    columns[0], rows[0] = to_pixel(window, x, y, cos, sin, px + dir_y * half, py - dir_x * half)
+    columns[1], rows[1] = to_pixel(window, x, y, cos, sin, px - dir_y * half, py + dir_x * half)
+    i = int(position_m / spacing_m) + 1
+    while True:
+        while (
+            (i + 1) * spacing_m < end_m
+            and points[i + 1, DIRECTION_X] * dir_x + points[i + 1, DIRECTION_Y] * dir_y
+            > 1.0 - 1e-12
+        ):
+            i += 1
+        final = i * spacing_m >= end_m
+        px, py, dir_x, dir_y = route_pose(points, size, spacing_m, min(i * spacing_m, end_m))
+        columns[3], rows[3] = to_pixel(
+            window, x, y, cos, sin, px + dir_y * half, py - dir_x * half
+        )
+        columns[2], rows[2] = to_pixel(
+            window, x, y, cos, sin, px - dir_y * half, py + dir_x * half
+        )
+        fill_convex(plane, columns, rows, 255)
+        if final:
+            break
+        columns[0], rows[0], columns[1], rows[1] = columns[3], rows[3], columns[2], rows[2]
+        i += 1
+
+
+@kernel
+def draw_boxes(
+    plane: NDArray, window: Window, boxes: NDArray, min_half_m: float, x: float, y: float,
+    cos: float, sin: float,
+) -> None:
+    """Draw actor footprints (V, 6); rows of length 0 are empty slots."""
+    columns, rows = np.empty(4), np.empty(4)
+    reach = (window.size * 1.5) / window.px_per_m
+    for k in range(boxes.shape[0]):
+        if boxes[k, LENGTH] <= 0.0:
+            continue
+        if abs(boxes[k, X] - x) > reach or abs(boxes[k, Y] - y) > reach:
+            continue
+        half_length = max(boxes[k, LENGTH] / 2.0, min_half_m)
+        half_width = max(boxes[k, WIDTH] / 2.0, min_half_m)
+        c, s = math.cos(boxes[k, HEADING]), math.sin(boxes[k, HEADING])
+        for corner in range(4):
+            ahead = half_length if corner < 2 else -half_length
+            right = half_width if corner in (1, 2) else -half_width
+            columns[corner], rows[corner] = to_pixel(
+                window,
+                x,
+                y,
+                cos,
+                sin,
+                boxes[k, X] + ahead * c - right * s,
+                boxes[k, Y] + ahead * s + right * c,
+            )
+        fill_convex(plane, columns, rows, 255)
+
+
+@kernel
+def draw_stop_lines(
+    plane: NDArray, window: Window, stop_lines: NDArray, signals: NDArray, x: float, y: float,
+    cos: float, sin: float,
+) -> None:
+    """Draw the stop lines (S, 4) whose signal (S,) is yellow or red."""
+    columns, rows = np.empty(4), np.empty(4)
+    for k in range(stop_lines.shape[0]):
+        if signals[k] < SIGNAL_YELLOW:
+            continue
+        c0, r0 = to_pixel(window, x, y, cos, sin, stop_lines[k, 0], stop_lines[k, 1])
+        c1, r1 = to_pixel(window, x, y, cos, sin, stop_lines[k, 2], stop_lines[k, 3])
+        length = math.sqrt((c1 - c0) ** 2 + (r1 - r0) ** 2)
+        across_c = -(r1 - r0) / length * window.stop_line_half_px
+        across_r = (c1 - c0) / length * window.stop_line_half_px
+        columns[0], rows[0] = c0 + across_c, r0 + across_r
+        columns[1], rows[1] = c1 + across_c, r1 + across_r
+        columns[2], rows[2] = c1 - across_c, r1 - across_r
+        columns[3], rows[3] = c0 - across_c, r0 - across_r
+        fill_convex(plane, columns, rows, 255)
+
+
+@kernel
+def render_worlds(
+    window: Window,
+    bits: NDArray,
+    grid: RasterGrid,
+    stop_lines: NDArray,
+    selected: NDArray,
+    ego: NDArray,
+    route_points: NDArray,
+    route_size: NDArray,
+    route_spacing: NDArray,
+    progress: NDArray,
+    vehicles: NDArray,
+    pedestrians: NDArray,
+    signals: NDArray,
+    bev: NDArray,
+) -> None:
+    """Render the BEV of every selected world.
+
+    Args:
+        window: BEV window.
+        bits: Static raster (rows, columns) uint8 with one bit per class.
+        grid: Where it lies.
+        stop_lines: (S, 4) end points x1, y1, x2, y2.
+        selected: (N,) bool.
+        ego: (N, 4).
+        route_points: (N, R, 4).
+        route_size: (N,); a size below 2 means no route.
+        route_spacing: (N,) metres.
+        progress: (N, 5).
+        vehicles: (N, V, 6).
+        pedestrians: (N, P, 6).
+        signals: (N, S) uint8.
+        bev: (N, 6, size, size) uint8 output, every pixel written.
+    """
+    for n in range(ego.shape[0]):
+        if not selected[n]:
+            continue
+        x, y = ego[n, X], ego[n, Y]
+        cos, sin = math.cos(ego[n, HEADING]), math.sin(ego[n, HEADING])
+        sample_static(bits, grid, window, x, y, cos, sin, bev[n])
+        bev[n, ROUTE] = 0
+        bev[n, VEHICLES:] = 0
+        if route_size[n] >= 2:
+            draw_route(
+                bev[n, ROUTE],
+                window,
+                route_points[n],
+                route_size[n],
+                route_spacing[n],
+                progress[n, ROUTE_POSITION],
+                x,
+                y,
+                cos,
+                sin,
+            )
+        draw_boxes(bev[n, VEHICLES], window, vehicles[n], 0.0, x, y, cos, sin)
+        draw_boxes(
+            bev[n, PEDESTRIANS],
+            window,
+            pedestrians[n],
+            window.pedestrian_half_extent_m,
+            x,
+            y,
+            cos,
+            sin,
+        )
+        draw_stop_lines(bev[n, LIGHTS], window, stop_lines, signals[n], x, y, cos, sin)

@@ -1,0 +1,49 @@
+"""The one decorator every kernel uses, and what makes its on-disk cache safe and visible."""
+
+from __future__ import annotations
+
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar, cast
+
+import numba
+
+Function = TypeVar("Function", bound=Callable[..., object])
+
+
+def kernel(function: Function) -> Function:
+    """Compile a function on first call, cache the machine code on disk, release the GIL.
+
+    Arithmetic is strict IEEE (no ``fastmath``): the same state gives the same bits on every run.
+    """
+    compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    return cast("Function", compiled)
+
+
+def drop_stale_caches() -> None:
+    """Delete cached machine code that is older than any kernel's source.
+
+    Numba checks only the file a kernel is defined in, not the files of the kernels it calls
+    (numba#1833), so an edited callee would silently run in its old form.
+    """
+    folder = Path(__file__).parent
+    newest = max(source.stat().st_mtime for source in folder.glob("*.py"))
+    for index in (folder / "__pycache__").glob("*.nbi"):
+        if index.stat().st_mtime < newest:
+            index.unlink(missing_ok=True)
+
+
+@contextmanager
+def announce_compilation(patience_s: float = 1.5) -> Iterator[None]:
+    """Say on stderr that kernels are being compiled, if the block takes longer than patience."""
+    message = "BEVTown: compiling the simulation kernels (once; cached on disk afterwards) ..."
+    timer = threading.Timer(patience_s, lambda: print(message, file=sys.stderr, flush=True))
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()

@@ -1,0 +1,147 @@
+"""The keywords of ``gym.make``, validated in one place for both environments."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
+from typing import Any
+
+from .frames import CHANNELS, BEVGeometry
+from .world.config import RewardWeights, Rules, VehicleModel, WorldConfig
+from .world.infractions import INFRACTIONS
+
+BEV_SOURCES = ("ground_truth",)
+TRAFFIC = ("none",)
+APPEARANCES = ("train", "test", "hard")
+
+
+@dataclass(frozen=True)
+class EnvSettings:
+    """Keywords of the environments; the table in ``BEVTownEnv`` explains them.
+
+    Attributes:
+        bev_source: What the policy sees: the name of a source, or a dict per channel.
+        traffic: Other road users.
+        traffic_lights: Working signals.
+        appearance: Look of the world for the cameras.
+        cameras: Whether camera images are observed.
+        camera_size: Height and width of each image.
+        camera_motion: Whether the cameras move with the body.
+        terminate_on: Infractions that end the episode; None for all.
+        max_speed_mps: Cruising speed of the expert and the reward.
+        time_limit_s: Simulated seconds until truncation; None for 30 s plus 0.8 s a route metre.
+        bev: BEV geometry, or a mapping of its fields.
+        vehicle: The ego car, or a mapping of its fields.
+        rules: Infraction thresholds, or a mapping of its fields.
+        reward: Reward weights, or a mapping of its fields.
+    """
+
+    bev_source: str | Mapping[str, str] = "ground_truth"
+    traffic: str | Mapping[str, int] = "none"
+    traffic_lights: bool = False
+    appearance: str | int = "train"
+    cameras: bool = False
+    camera_size: tuple[int, int] = (112, 240)
+    camera_motion: bool = True
+    terminate_on: Collection[str] | None = None
+    max_speed_mps: float = 6.0
+    time_limit_s: float | None = None
+    bev: BEVGeometry | Mapping[str, Any] = field(default_factory=BEVGeometry)
+    vehicle: VehicleModel | Mapping[str, Any] = field(default_factory=VehicleModel)
+    rules: Rules | Mapping[str, Any] = field(default_factory=Rules)
+    reward: RewardWeights | Mapping[str, Any] = field(default_factory=RewardWeights)
+
+    @classmethod
+    def from_keywords(cls, keywords: Mapping[str, Any]) -> EnvSettings:
+        """Build settings from keyword arguments.
+
+        Raises:
+            TypeError: A keyword does not exist; the message suggests the nearest.
+            ValueError: A value is not valid; the message names it and the valid ones.
+        """
+        names = [item.name for item in fields(cls)]
+        for keyword in keywords:
+            if keyword not in names:
+                close = get_close_matches(keyword, names, 1)
+                hint = f"; did you mean {close[0]!r}?" if close else ""
+                raise TypeError(
+                    f"unknown environment keyword {keyword!r}{hint} "
+                    f"(keywords: town, render_mode, {', '.join(names)})"
+                )
+        return cls(**keywords)
+
+    def __post_init__(self) -> None:
+        self._check_bev_source()
+        if self.traffic not in TRAFFIC:
+            raise ValueError(
+                f"traffic={self.traffic!r} is not available in this version; "
+                f"choose one of: {', '.join(TRAFFIC)}"
+            )
+        for name in ("traffic_lights", "cameras"):
+            if getattr(self, name) is not False:
+                raise ValueError(
+                    f"{name}={getattr(self, name)!r} is not available in this version; "
+                    f"leave it at False"
+                )
+        seed = isinstance(self.appearance, int) and not isinstance(self.appearance, bool)
+        if self.appearance not in APPEARANCES and not seed:
+            raise ValueError(
+                f"appearance must be an int seed or one of {', '.join(APPEARANCES)}, "
+                f"got {self.appearance!r}"
+            )
+        size = tuple(self.camera_size)
+        if len(size) != 2 or not all(isinstance(side, int) and side >= 16 for side in size):
+            raise ValueError(
+                f"camera_size must be (height, width) of at least 16 px, got {self.camera_size!r}"
+            )
+        if not isinstance(self.camera_motion, bool):
+            raise ValueError(f"camera_motion must be True or False, got {self.camera_motion!r}")
+
+    def _check_bev_source(self) -> None:
+        source = self.bev_source
+        chosen = source
+        if isinstance(source, Mapping):
+            for channel in source:
+                if channel not in (*CHANNELS, "default"):
+                    raise ValueError(
+                        f"unknown channel {channel!r} in bev_source; "
+                        f"channels: {', '.join(CHANNELS)}, or 'default'"
+                    )
+            missing = [name for name in CHANNELS if name not in source]
+            if missing and "default" not in source:
+                raise ValueError(
+                    f"bev_source names no source for channel {missing[0]!r}; "
+                    f"add it or a 'default'"
+                )
+            chosen = next((name for name in source.values() if name not in BEV_SOURCES), "")
+        if chosen and chosen not in BEV_SOURCES:
+            raise ValueError(
+                f"unknown bev_source {chosen!r}; available sources: {', '.join(BEV_SOURCES)}"
+            )
+
+    def world_config(self) -> WorldConfig:
+        """The configuration of the world core that these settings ask for."""
+        terminate_on = INFRACTIONS if self.terminate_on is None else self.terminate_on
+        return WorldConfig(
+            cruise_speed_mps=self.max_speed_mps,
+            terminate_on=terminate_on if isinstance(terminate_on, str) else tuple(terminate_on),
+            time_limit_s=self.time_limit_s,
+            vehicle=_build(VehicleModel, self.vehicle),
+            rules=_build(Rules, self.rules),
+            reward=_build(RewardWeights, self.reward),
+            bev=_build(BEVGeometry, self.bev),
+        )
+
+
+def _build(kind: type, value: Any) -> Any:
+    """Make a configuration object of a mapping; leave a ready one alone."""
+    if isinstance(value, kind):
+        return value
+    if not isinstance(value, Mapping):
+        raise ValueError(f"expected {kind.__name__} or a mapping of its fields, got {value!r}")
+    names = [item.name for item in fields(kind)]
+    for name in value:
+        if name not in names:
+            raise ValueError(f"{kind.__name__} has no {name!r}; fields: {', '.join(names)}")
+    return kind(**value)

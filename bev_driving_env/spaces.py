@@ -1,0 +1,58 @@
+"""Action and observation spaces, and the check of incoming actions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+from .frames import CHANNELS, BEVGeometry
+
+MEASUREMENTS = ("speed_mps", "acceleration_command", "steering_command")
+
+
+def action_space() -> gym.spaces.Box:
+    """Acceleration (negative brakes) and steering (positive turns right), each in [-1, 1]."""
+    return gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
+
+
+def observation_space(bev: BEVGeometry, max_speed_mps: float) -> gym.spaces.Dict:
+    """``bev`` (6, size, size) uint8 in 0..255 and ``measurements`` (3,) float32."""
+    fastest = np.float32(2.0 * max_speed_mps)
+    return gym.spaces.Dict(
+        {
+            "bev": gym.spaces.Box(0, 255, (len(CHANNELS), bev.size, bev.size), np.uint8),
+            "measurements": gym.spaces.Box(
+                np.array([-fastest, -1.0, -1.0], np.float32),
+                np.array([fastest, 1.0, 1.0], np.float32),
+                dtype=np.float32,
+            ),
+        }
+    )
+
+
+def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """Bring actions to float64 in [-1, 1]; values beyond are clipped.
+
+    Args:
+        actions: Array-like of the expected shape.
+        shape: ``(2,)`` or ``(num_envs, 2)``.
+
+    Raises:
+        ValueError: Wrong shape, not numbers, or not finite; the message shows what came.
+    """
+    try:
+        array = np.array(actions, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(
+            f"action must be numbers of shape {shape} in [-1, 1], got {actions!r}"
+        ) from error
+    if array.shape != shape:
+        raise ValueError(
+            f"action must have shape {shape} (acceleration, steering), got shape {array.shape}"
+        )
+    if not np.isfinite(array).all():
+        raise ValueError(f"action must be finite numbers in [-1, 1], got {array.tolist()}")
+    return np.clip(array, -1.0, 1.0, out=array)

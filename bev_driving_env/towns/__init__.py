@@ -1,0 +1,1 @@
+"""Towns: authored as highway-env road networks, compiled once into flat arrays."""

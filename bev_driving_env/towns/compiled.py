@@ -1,0 +1,202 @@
+"""``CompiledTown``: a road network turned once into flat arrays and a lane graph."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from highway_env.road.lane import AbstractLane, LineType, StraightLane
+from highway_env.road.road import LaneIndex, RoadNetwork
+from numpy.typing import NDArray
+
+from .network import CrossSection, Signal, TownNetwork
+from .raster import StaticRaster, rasterize
+
+SAMPLE_M = 0.5
+JOINT_M = 1.5
+"""A lane leads on to another when its end is within this distance of the other's start."""
+STOP_LINE_SHARE = 0.8
+"""Length of a stop line over the lane width (Roach draws 0.4 of it to each side)."""
+
+
+@dataclass(frozen=True)
+class Lane:
+    """One lane as a sampled curve.
+
+    Attributes:
+        index: highway-env lane index (from node, to node, id).
+        stations: (M,) metres along the lane; two on a straight, every 0.5 m elsewhere.
+        points: (M, 4) lane centre x, y and unit direction.
+        half_width: (M,) metres.
+        lines: Whether there is a boundary line on the left and on the right.
+        in_junction: Whether the lane lies inside a junction.
+        speed_limit_mps: Speed limit.
+    """
+
+    index: LaneIndex
+    stations: NDArray[np.float64]
+    points: NDArray[np.float64]
+    half_width: NDArray[np.float64]
+    lines: tuple[bool, bool]
+    in_junction: bool
+    speed_limit_mps: float
+
+    @property
+    def length_m(self) -> float:
+        """Length along the centre."""
+        return float(self.stations[-1])
+
+    @property
+    def junction(self) -> str:
+        """Name of the node the lane starts from, without its arm."""
+        return str(self.index[0]).split(".")[0]
+
+    @property
+    def heading_change_rad(self) -> float:
+        """Signed heading change from start to end, positive to the right."""
+        first, last = self.points[0], self.points[-1]
+        cross = first[2] * last[3] - first[3] * last[2]
+        return math.atan2(cross, first[2] * last[2] + first[3] * last[3])
+
+    def pose_at(self, station_m: float) -> tuple[float, float, float]:
+        """World pose (x, y, heading) of the lane centre at a station."""
+        x, y, dx, dy = (np.interp(station_m, self.stations, column) for column in self.points.T)
+        return float(x), float(y), math.atan2(dy, dx)
+
+
+@dataclass(frozen=True)
+class CompiledTown:
+    """Everything the world needs to know of a town.
+
+    Attributes:
+        name: Name it is registered under.
+        lanes: All lanes; lane numbers index this tuple.
+        successors: For each lane the numbers of the lanes it leads on to.
+        cross_section: Shoulders and sidewalks.
+        signals: Traffic signals.
+        stop_lines: (S, 4) end points x1, y1, x2, y2 of each signal's stop line.
+    """
+
+    name: str
+    lanes: tuple[Lane, ...]
+    successors: tuple[tuple[int, ...], ...]
+    cross_section: CrossSection
+    signals: tuple[Signal, ...]
+    stop_lines: NDArray[np.float64]
+    _rasters: dict[float, StaticRaster] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Smallest and largest lane-centre coordinates: x0, y0, x1, y1 in metres."""
+        points = np.concatenate([lane.points[:, :2] for lane in self.lanes])
+        (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
+        return float(x0), float(y0), float(x1), float(y1)
+
+    def raster(self, px_per_m: float = 5.0) -> StaticRaster:
+        """The static raster at a resolution, made on first use."""
+        if px_per_m not in self._rasters:
+            self._rasters[px_per_m] = rasterize(
+                self.lanes, self.cross_section, self.bounds, px_per_m
+            )
+        return self._rasters[px_per_m]
+
+
+def compile_network(
+    name: str, network: RoadNetwork, *, allow_dead_ends: bool = False
+) -> CompiledTown:
+    """Compile any highway-env road network.
+
+    Args:
+        name: Name for messages and results.
+        network: The road network; a ``TownNetwork`` brings shoulders, signals and junctions along.
+        allow_dead_ends: Accept lanes that lead nowhere (for observing, not for routes).
+
+    Returns:
+        The compiled town.
+
+    Raises:
+        ValueError: The network is empty or has a dead end.
+    """
+    lanes_dict = network.lanes_dict()
+    if not lanes_dict:
+        raise ValueError(f"road network {name!r} has no lanes")
+    inside = _junction_lanes(network)
+    lanes = tuple(_sample(index, lane, index in inside) for index, lane in lanes_dict.items())
+    successors = _successors(lanes)
+    if not allow_dead_ends:
+        for lane, following in zip(lanes, successors, strict=True):
+            if not following:
+                raise ValueError(
+                    f"road network {name!r} has a dead end at node {lane.index[1]!r}: lane "
+                    f"{lane.index} leads nowhere; every lane must lead on to another"
+                )
+    town = network if isinstance(network, TownNetwork) else TownNetwork()
+    numbers = {lane.index: number for number, lane in enumerate(lanes)}
+    stop_lines = [_stop_line(lanes[numbers[signal.lane]]) for signal in town.signals]
+    return CompiledTown(
+        name=name,
+        lanes=lanes,
+        successors=successors,
+        cross_section=town.cross_section,
+        signals=tuple(town.signals),
+        stop_lines=np.array(stop_lines, dtype=np.float64).reshape(-1, 4),
+    )
+
+
+def _junction_lanes(network: RoadNetwork) -> set[LaneIndex]:
+    """Lanes inside junctions: as told, or those at a node where roads part or meet."""
+    if isinstance(network, TownNetwork):
+        return network.junction_lanes
+    arriving: dict[str, int] = {}
+    for targets in network.graph.values():
+        for target in targets:
+            arriving[target] = arriving.get(target, 0) + 1
+    return {
+        (start, end, number)
+        for start, targets in network.graph.items()
+        for end, lanes in targets.items()
+        for number in range(len(lanes))
+        if len(targets) > 1 or arriving[end] > 1
+    }
+
+
+def _sample(index: LaneIndex, lane: AbstractLane, in_junction: bool) -> Lane:
+    """Sample a highway-env lane: at its ends if straight, else every half metre."""
+    length = float(lane.length)
+    count = 2 if type(lane) is StraightLane else max(2, math.ceil(length / SAMPLE_M) + 1)
+    stations = np.linspace(0.0, length, count)
+    centers = np.array([lane.position(s, 0.0) for s in stations], dtype=np.float64)
+    headings = np.array([lane.heading_at(s) for s in stations], dtype=np.float64)
+    limit = lane.speed_limit
+    return Lane(
+        index=index,
+        stations=stations,
+        points=np.column_stack([centers, np.cos(headings), np.sin(headings)]),
+        half_width=np.array([lane.width_at(s) for s in stations], dtype=np.float64) / 2.0,
+        lines=(lane.line_types[0] != LineType.NONE, lane.line_types[1] != LineType.NONE),
+        in_junction=in_junction,
+        speed_limit_mps=20.0 if limit is None else float(limit),
+    )
+
+
+def _successors(lanes: tuple[Lane, ...]) -> tuple[tuple[int, ...], ...]:
+    """For each lane, the lanes that start at its end node and where it ends."""
+    starting: dict[str, list[int]] = {}
+    for number, lane in enumerate(lanes):
+        starting.setdefault(lane.index[0], []).append(number)
+    return tuple(
+        tuple(
+            number
+            for number in starting.get(lane.index[1], [])
+            if np.hypot(*(lanes[number].points[0, :2] - lane.points[-1, :2])) < JOINT_M
+        )
+        for lane in lanes
+    )
+
+
+def _stop_line(lane: Lane) -> tuple[float, float, float, float]:
+    """End points of the line across the end of a lane."""
+    x, y, dx, dy = lane.points[-1]
+    half = STOP_LINE_SHARE * lane.half_width[-1]
+    return x + dy * half, y - dx * half, x - dy * half, y + dx * half

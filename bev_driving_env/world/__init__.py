@@ -1,0 +1,1 @@
+"""The world core: batched state, one step kernel, events, snapshots."""

@@ -1,0 +1,209 @@
+"""``World``: N worlds of one town, stepped and rendered together."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..frames import CHANNELS
+from ..kernels.bev import render_worlds
+from ..kernels.jit import announce_compilation, drop_stale_caches
+from ..kernels.layout import REWARD_TERMS, ROUTE_DONE
+from ..kernels.step import step_worlds
+from ..towns.compiled import CompiledTown
+from ..towns.route import Route
+from .config import WorldConfig
+from .infractions import InfractionEvent, bits_of, names_of
+from .state import WorldState
+
+
+@dataclass(frozen=True)
+class WorldSnapshot:
+    """Everything needed to continue from a moment, bit for bit."""
+
+    state: WorldState
+    routes: tuple[Route | None, ...]
+    episode_ids: tuple[str, ...]
+    events: tuple[tuple[InfractionEvent, ...], ...]
+    rng_states: tuple[Mapping[str, Any], ...]
+
+
+class World:
+    """The one implementation of driving; a single environment is the case of one world.
+
+    Attributes:
+        town: The compiled town.
+        config: The configuration.
+        state: Arrays over the worlds.
+        routes: Each world's route.
+        episode_ids: Name of each world's episode, for results.
+        events: Each world's infractions since reset.
+        rngs: Each world's random generator, the only source of randomness.
+        began: (N,) infraction bits that began in the last step.
+        success: (N,) whether the route was completed in the last step.
+        reward_terms: (N, 5) terms of the last step's reward.
+    """
+
+    def __init__(self, town: CompiledTown, config: WorldConfig, worlds: int = 1) -> None:
+        self.town = town
+        self.config = config
+        self.state = WorldState.empty(worlds, signals=len(town.signals))
+        self.routes: list[Route | None] = [None] * worlds
+        self.episode_ids = [""] * worlds
+        self.events: list[tuple[InfractionEvent, ...]] = [()] * worlds
+        self.rngs = [np.random.default_rng() for _ in range(worlds)]
+        self.began = np.zeros(worlds, np.int64)
+        self.success = np.zeros(worlds, np.bool_)
+        self.reward_terms = np.zeros((worlds, REWARD_TERMS))
+        self._terminating = bits_of(config.terminate_on)
+        self._physics = config.physics()
+        self._window = config.window()
+        self._everyone = np.ones(worlds, np.bool_)
+        drop_stale_caches()
+        with announce_compilation():
+            self._raster = town.raster()
+            # the rules must not depend on how finely the view is drawn
+            self._bev_raster = town.raster(config.bev.px_per_m)
+            self._warm_up()
+
+    def _warm_up(self) -> None:
+        """Compile or load the kernels now, so that no later step pays for it."""
+        nobody = np.zeros(len(self), np.bool_)
+        self.step(np.zeros((len(self), 2)), nobody)
+        self.render(np.zeros((len(self), *self.bev_shape), np.uint8), nobody)
+
+    def __len__(self) -> int:
+        return len(self.routes)
+
+    @property
+    def bev_shape(self) -> tuple[int, int, int]:
+        """Shape of one BEV: channels, rows, columns."""
+        return len(CHANNELS), self.config.bev.size, self.config.bev.size
+
+    def place(self, world: int, route: Route, episode_id: str = "") -> None:
+        """Start a world anew at the beginning of a route, standing still."""
+        points = route.points
+        self.state.clear(world)
+        self.state.set_route(world, points, route.length_m)
+        self.state.ego[world, :3] = *points[0, :2], math.atan2(points[0, 3], points[0, 2])
+        limit_s = self.config.time_limit_for(route.length_m)
+        self.state.time_limit[world] = round(limit_s * self.config.control_hz)
+        self.routes[world] = route
+        self.episode_ids[world] = episode_id
+        self.events[world] = ()
+        self._forget_last_step(world)
+
+    def _forget_last_step(self, world: int | slice) -> None:
+        self.began[world] = 0
+        self.success[world] = False
+        self.reward_terms[world] = 0.0
+
+    def step(self, actions: NDArray[np.float64], running: NDArray[np.bool_] | None = None) -> None:
+        """Advance all running worlds by one control step.
+
+        Args:
+            actions: (N, 2) float64 in [-1, 1]: acceleration, steering.
+            running: (N,) bool, all if None.
+        """
+        state = self.state
+        step_worlds(
+            self._physics,
+            self._raster.bits,
+            self._raster.directions,
+            self._raster.grid,
+            self._everyone if running is None else running,
+            actions,
+            state.ego,
+            state.command,
+            state.route_points,
+            state.route_size,
+            state.route_spacing,
+            state.route_length,
+            state.progress,
+            state.timers,
+            state.holding,
+            state.steps,
+            state.returns,
+            self.began,
+            self.success,
+            self.reward_terms,
+        )
+        if self.began.any():
+            for world in np.flatnonzero(self.began):
+                self._log(int(world))
+
+    def _log(self, world: int) -> None:
+        x, y, heading, speed = self.state.ego[world].tolist()
+        time_s = float(self.state.steps[world]) * self.config.step_s
+        route_m = float(self.state.progress[world, ROUTE_DONE])
+        self.events[world] += tuple(
+            InfractionEvent(name, time_s, x, y, heading, speed, route_m)
+            for name in names_of(int(self.began[world]))
+        )
+
+    def terminated(self) -> NDArray[np.bool_]:
+        """(N,) whether the last step ended a world: success or a terminating infraction."""
+        return self.success | (self.began & self._terminating != 0)
+
+    def truncated(self) -> NDArray[np.bool_]:
+        """(N,) whether a world has reached its time limit."""
+        return self.state.steps >= self.state.time_limit
+
+    def render(self, bev: NDArray[np.uint8], selected: NDArray[np.bool_] | None = None) -> None:
+        """Render the ground-truth BEV of selected worlds into (N, 6, size, size) uint8."""
+        state = self.state
+        render_worlds(
+            self._window,
+            self._bev_raster.bits,
+            self._bev_raster.grid,
+            self.town.stop_lines,
+            self._everyone if selected is None else selected,
+            state.ego,
+            state.route_points,
+            state.route_size,
+            state.route_spacing,
+            state.progress,
+            state.vehicles,
+            state.pedestrians,
+            state.signals,
+            bev,
+        )
+
+    def snapshot(self) -> WorldSnapshot:
+        """Copy everything that the future depends on."""
+        return WorldSnapshot(
+            state=self.state.copy(),
+            routes=tuple(self.routes),
+            episode_ids=tuple(self.episode_ids),
+            events=tuple(self.events),
+            rng_states=tuple(copy.deepcopy(rng.bit_generator.state) for rng in self.rngs),
+        )
+
+    def restore(self, snapshot: WorldSnapshot) -> None:
+        """Go back to a snapshot; from there the same actions give the same bits.
+
+        Raises:
+            ValueError: The snapshot is of another number of worlds or another town.
+        """
+        if len(snapshot.routes) != len(self):
+            raise ValueError(
+                f"snapshot holds {len(snapshot.routes)} worlds, this environment {len(self)}"
+            )
+        for route in snapshot.routes:
+            if route is not None and route.town.name != self.town.name:
+                raise ValueError(
+                    f"snapshot was taken in {route.town.name}, this environment is {self.town.name}"
+                )
+        self.state = snapshot.state.copy()
+        self.routes = list(snapshot.routes)
+        self.episode_ids = list(snapshot.episode_ids)
+        self.events = list(snapshot.events)
+        for rng, state in zip(self.rngs, snapshot.rng_states, strict=True):
+            rng.bit_generator.state = copy.deepcopy(state)
+        self._forget_last_step(slice(None))

@@ -1,0 +1,100 @@
+"""``WorldState``: all that changes while driving, as a handful of arrays over N worlds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..kernels import layout
+
+
+@dataclass
+class WorldState:
+    """Arrays over N worlds; columns are named in ``kernels.layout``.
+
+    Attributes:
+        ego: (N, 4) x, y, heading, speed.
+        command: (N, 2) the last action.
+        route_points: (N, R, 4) planned lane centre and direction; rows past ``route_size`` are
+            padding.
+        route_size: (N,) number of valid route points.
+        route_spacing: (N,) metres between them.
+        route_length: (N,) metres.
+        progress: (N, 5) route position, metres done, lateral error, heading error, distance.
+        timers: (N, 2) seconds in an opposing lane, seconds standing.
+        holding: (N,) bits of the infractions that hold now.
+        steps: (N,) control steps since reset.
+        time_limit: (N,) control steps after which the episode is truncated.
+        returns: (N,) sum of rewards since reset.
+        vehicles: (N, V, 6) other vehicles; a row of length 0 is an empty slot.
+        pedestrians: (N, P, 6) likewise.
+        signals: (N, S) uint8 state of each signal.
+    """
+
+    ego: NDArray[np.float64]
+    command: NDArray[np.float64]
+    route_points: NDArray[np.float64]
+    route_size: NDArray[np.int64]
+    route_spacing: NDArray[np.float64]
+    route_length: NDArray[np.float64]
+    progress: NDArray[np.float64]
+    timers: NDArray[np.float64]
+    holding: NDArray[np.int64]
+    steps: NDArray[np.int64]
+    time_limit: NDArray[np.int64]
+    returns: NDArray[np.float64]
+    vehicles: NDArray[np.float64]
+    pedestrians: NDArray[np.float64]
+    signals: NDArray[np.uint8]
+
+    @classmethod
+    def empty(
+        cls, worlds: int, *, vehicles: int = 0, pedestrians: int = 0, signals: int = 0
+    ) -> WorldState:
+        """State of ``worlds`` worlds without routes, with slots for other actors."""
+        return cls(
+            ego=np.zeros((worlds, layout.EGO_COLUMNS)),
+            command=np.zeros((worlds, 2)),
+            route_points=np.zeros((worlds, 2, layout.ROUTE_COLUMNS)),
+            route_size=np.zeros(worlds, np.int64),
+            route_spacing=np.ones(worlds),
+            route_length=np.zeros(worlds),
+            progress=np.zeros((worlds, layout.PROGRESS_COLUMNS)),
+            timers=np.zeros((worlds, layout.TIMERS)),
+            holding=np.zeros(worlds, np.int64),
+            steps=np.zeros(worlds, np.int64),
+            time_limit=np.zeros(worlds, np.int64),
+            returns=np.zeros(worlds),
+            vehicles=np.zeros((worlds, vehicles, layout.ACTOR_COLUMNS)),
+            pedestrians=np.zeros((worlds, pedestrians, layout.ACTOR_COLUMNS)),
+            signals=np.zeros((worlds, signals), np.uint8),
+        )
+
+    def copy(self) -> WorldState:
+        """An independent copy."""
+        return WorldState(**{item.name: getattr(self, item.name).copy() for item in fields(self)})
+
+    def nbytes(self) -> int:
+        """Memory of all arrays, in bytes."""
+        return sum(getattr(self, item.name).nbytes for item in fields(self))
+
+    def clear(self, world: int) -> None:
+        """Zero everything of one world but its route."""
+        for item in fields(self):
+            if not item.name.startswith("route_"):
+                getattr(self, item.name)[world] = 0
+
+    def set_route(self, world: int, points: NDArray[np.float64], length_m: float) -> None:
+        """Give a world a route of points (R, 4), making room in all worlds if it is the longest."""
+        size, capacity = len(points), self.route_points.shape[1]
+        if size > capacity:
+            grown = np.zeros((len(self.ego), size, layout.ROUTE_COLUMNS))
+            grown[:, :capacity] = self.route_points
+            self.route_points = grown
+        self.route_points[world, :size] = points
+        self.route_points[world, size:] = 0.0
+        self.route_size[world] = size
+        self.route_spacing[world] = length_m / (size - 1)
+        self.route_length[world] = length_m
