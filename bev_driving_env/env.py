@@ -70,13 +70,12 @@ class BEVTownEnv(gym.Env[Observation, NDArray[np.float32]]):
         terminated = bool(world.terminated()[0])
         truncated = not terminated and bool(world.truncated()[0])
         info = step_info(world, 0)
-        terms = reward_terms(world, 0)
-        info["reward_terms"] = terms
+        info["reward_terms"] = reward_terms(world, 0)
         if terminated or truncated:
             info["episode_summary"] = episode_summary(world, 0)
         if self.render_mode == "human":
             self.render()
-        return self._observe(), sum(terms.values()), terminated, truncated, info
+        return self._observe(), float(world.rewards[0]), terminated, truncated, info
 
     def _observe(self) -> Observation:
         ego, command = self.world.state.ego[0], self.world.state.command[0]

@@ -31,7 +31,9 @@ FIXED_POINT = 1 << 20
 
 
 @kernel
-def sample_row(bits: NDArray, column: int, row: int, dx: int, dy: int, values: NDArray) -> None:
+def sample_row(
+    bits: NDArray, column: int, row: int, dx: int, dy: int, values: NDArray
+) -> None:
     """Read raster values along a line of fixed-point coordinates; 0 outside the raster."""
     height, width = bits.shape
     count = values.shape[0]
@@ -62,26 +64,26 @@ def sample_static(
     y: float,
     cos: float,
     sin: float,
-    bev: NDArray,
+    road: NDArray,
+    lane: NDArray,
 ) -> None:
     """Sample the road and lane planes from the static raster (nearest pixel), every pixel."""
-    scale = grid.px_per_m / window.px_per_m
-    # one column to the right moves by (-sin, cos) in the world
-    dx = int(round(-sin * scale * FIXED_POINT))
-    dy = int(round(cos * scale * FIXED_POINT))
+    scale = grid.px_per_m / window.px_per_m * FIXED_POINT
+    # one column to the right moves by (-sin, cos) in the world, one row down by (-cos, -sin)
+    dx, dy = int(round(-sin * scale)), int(round(cos * scale))
+    ahead = window.ego_row / window.px_per_m
     left = window.ego_column / window.px_per_m
-    values = np.empty(window.size, np.uint8)
+    per_m = grid.px_per_m * FIXED_POINT
+    column = int(math.floor((x + ahead * cos + left * sin - grid.x0_m) * per_m))
+    row = int(math.floor((y + ahead * sin - left * cos - grid.y0_m) * per_m))
     for v in range(window.size):
-        ahead = (window.ego_row - v) / window.px_per_m
-        world_x = x + ahead * cos + left * sin
-        world_y = y + ahead * sin - left * cos
-        column = int(math.floor((world_x - grid.x0_m) * grid.px_per_m * FIXED_POINT))
-        row = int(math.floor((world_y - grid.y0_m) * grid.px_per_m * FIXED_POINT))
-        sample_row(bits, column, row, dx, dy, values)
-        for u in range(window.size):
-            # 0 - 1 wraps to 255
-            bev[ROAD, v, u] = np.uint8(0) - (values[u] & np.uint8(ROAD_BIT))
-            bev[LANE, v, u] = np.uint8(0) - ((values[u] & np.uint8(LANE_BIT)) >> np.uint8(1))
+        sample_row(bits, column - v * dy, row + v * dx, dx, dy, lane[v])
+    flat_road, flat_lane = road.reshape(-1), lane.reshape(-1)
+    for k in range(flat_lane.shape[0]):
+        value = flat_lane[k]
+        # 0 - 1 wraps to 255
+        flat_road[k] = np.uint8(0) - (value & np.uint8(ROAD_BIT))
+        flat_lane[k] = np.uint8(0) - ((value & np.uint8(LANE_BIT)) >> np.uint8(1))
 
 
 @kernel
@@ -129,7 +131,7 @@ def draw_route(
         columns[2], rows[2] = to_pixel(
             window, x, y, cos, sin, px - dir_y * half, py + dir_x * half
         )
-        fill_convex(plane, columns, rows, 255)
+        fill_convex(plane, columns, rows, 0, 255)
         if final:
             break
         columns[0], rows[0], columns[1], rows[1] = columns[3], rows[3], columns[2], rows[2]
@@ -164,7 +166,7 @@ def draw_boxes(
                 boxes[k, X] + ahead * c - right * s,
                 boxes[k, Y] + ahead * s + right * c,
             )
-        fill_convex(plane, columns, rows, 255)
+        fill_convex(plane, columns, rows, 0, 255)
 
 
 @kernel
@@ -186,7 +188,7 @@ def draw_stop_lines(
         columns[1], rows[1] = c1 + across_c, r1 + across_r
         columns[2], rows[2] = c1 - across_c, r1 - across_r
         columns[3], rows[3] = c0 - across_c, r0 - across_r
-        fill_convex(plane, columns, rows, 255)
+        fill_convex(plane, columns, rows, 0, 255)
 
 
 @kernel
@@ -229,7 +231,7 @@ def render_worlds(
             continue
         x, y = ego[n, X], ego[n, Y]
         cos, sin = math.cos(ego[n, HEADING]), math.sin(ego[n, HEADING])
-        sample_static(bits, grid, window, x, y, cos, sin, bev[n])
+        sample_static(bits, grid, window, x, y, cos, sin, bev[n, ROAD], bev[n, LANE])
         bev[n, ROUTE] = 0
         bev[n, VEHICLES:] = 0
         if route_size[n] >= 2:

@@ -36,10 +36,10 @@ def raster_value(raster: NDArray, grid: RasterGrid, x: float, y: float) -> int:
 
 @kernel
 def is_off_road(
-    bits: NDArray, grid: RasterGrid, ego: NDArray, half_length_m: float, half_width_m: float
+    classes: NDArray, grid: RasterGrid, ego: NDArray, half_length_m: float, half_width_m: float
 ) -> bool:
     """Whether the ego's centre, or at least a quarter of its footprint, is off the pavement."""
-    if raster_value(bits, grid, ego[X], ego[Y]) & ROAD_BIT == 0:
+    if raster_value(classes, grid, ego[X], ego[Y]) & ROAD_BIT == 0:
         return True
     cos, sin = math.cos(ego[HEADING]), math.sin(ego[HEADING])
     outside = 0
@@ -49,7 +49,7 @@ def is_off_road(
             right = ((j + 0.5) / FOOTPRINT_COLUMNS * 2.0 - 1.0) * half_width_m
             x = ego[X] + ahead * cos - right * sin
             y = ego[Y] + ahead * sin + right * cos
-            if raster_value(bits, grid, x, y) & ROAD_BIT == 0:
+            if raster_value(classes, grid, x, y) & ROAD_BIT == 0:
                 outside += 1
     return 4 * outside >= FOOTPRINT_ROWS * FOOTPRINT_COLUMNS
 

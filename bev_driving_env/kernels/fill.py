@@ -11,8 +11,8 @@ from .jit import kernel
 
 
 @kernel
-def fill_convex(plane: NDArray, columns: NDArray, rows: NDArray, value: int) -> None:
-    """Set every pixel of a plane (H, W) whose centre lies in a convex polygon.
+def fill_convex(plane: NDArray, columns: NDArray, rows: NDArray, keep: int, value: int) -> None:
+    """Write every pixel of a plane (H, W) uint8 whose centre lies in a convex polygon.
 
     Pixel centres are at integer coordinates, edges count as inside. Parts outside the plane are
     skipped. Of a polygon that is not convex, the hull of each pixel row is filled.
@@ -21,8 +21,10 @@ def fill_convex(plane: NDArray, columns: NDArray, rows: NDArray, value: int) -> 
         plane: (H, W), written in place.
         columns: (K,) corner columns.
         rows: (K,) corner rows.
-        value: What to write.
+        keep: Bits of the old pixel that stay; 0 overwrites it.
+        value: Bits to add.
     """
+    keep8, value8 = np.uint8(keep), np.uint8(value)
     height, width = plane.shape
     count = columns.shape[0]
     top, bottom = rows[0], rows[0]
@@ -54,7 +56,7 @@ def fill_convex(plane: NDArray, columns: NDArray, rows: NDArray, value: int) -> 
         if first > last:
             continue
         for column in range(max(0, math.ceil(first)), min(width - 1, math.floor(last)) + 1):
-            plane[row, column] = value
+            plane[row, column] = (plane[row, column] & keep8) | value8
 
 
 @kernel
@@ -66,6 +68,7 @@ def fill_band(
     points: NDArray,
     left_m: NDArray,
     right_m: NDArray,
+    keep: int,
     value: int,
 ) -> None:
     """Fill the band between two lateral offsets along a sampled curve, segment by segment.
@@ -78,7 +81,8 @@ def fill_band(
         points: Curve (M, 4): x, y and unit direction.
         left_m: (M,) lateral offset of the left border, positive to the right of the curve.
         right_m: (M,) lateral offset of the right border.
-        value: What to write.
+        keep: Bits of the old pixels that stay.
+        value: Bits to add.
     """
     columns, rows = np.empty(4), np.empty(4)
     for i in range(points.shape[0] - 1):
@@ -89,4 +93,4 @@ def fill_band(
             y = points[k, 1] + points[k, 2] * offset
             columns[corner] = (x - grid_x0) * px_per_m - 0.5
             rows[corner] = (y - grid_y0) * px_per_m - 0.5
-        fill_convex(plane, columns, rows, value)
+        fill_convex(plane, columns, rows, keep, value)

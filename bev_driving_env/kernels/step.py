@@ -31,20 +31,21 @@ from .reward import fill_reward_terms
 @kernel
 def current_infractions(
     physics: Physics,
-    bits: NDArray,
+    classes: NDArray,
+    classes_grid: RasterGrid,
     directions: NDArray,
-    grid: RasterGrid,
+    directions_grid: RasterGrid,
     ego: NDArray,
     progress: NDArray,
     timers: NDArray,
 ) -> int:
     """Advance one world's timers by a physics step and return the infractions that hold now."""
     holding = 0
-    if is_off_road(bits, grid, ego, physics.half_length_m, physics.half_width_m):
+    if is_off_road(classes, classes_grid, ego, physics.half_length_m, physics.half_width_m):
         holding |= OFF_ROAD
     if is_deviating(progress[DISTANCE], physics.deviation_m):
         holding |= ROUTE_DEVIATION
-    if is_against_traffic(directions, grid, ego):
+    if is_against_traffic(directions, directions_grid, ego):
         timers[WRONG_LANE_S] += physics.dt_s
     else:
         timers[WRONG_LANE_S] = 0.0
@@ -62,9 +63,10 @@ def current_infractions(
 @kernel
 def step_worlds(
     physics: Physics,
-    bits: NDArray,
+    classes: NDArray,
+    classes_grid: RasterGrid,
     directions: NDArray,
-    grid: RasterGrid,
+    directions_grid: RasterGrid,
     running: NDArray,
     actions: NDArray,
     ego: NDArray,
@@ -81,14 +83,16 @@ def step_worlds(
     began: NDArray,
     success: NDArray,
     reward_terms: NDArray,
+    rewards: NDArray,
 ) -> None:
     """Advance every running world by one control step, in place.
 
     Args:
         physics: Constants.
-        bits: Static raster (rows, columns) uint8.
-        directions: Lane-direction raster (rows, columns) uint8.
-        grid: Where both rasters lie.
+        classes: Raster of static classes (rows, columns) uint8.
+        classes_grid: Where it lies.
+        directions: Raster of lane directions (rows, columns) uint8.
+        directions_grid: Where it lies.
         running: (N,) bool; a world that is not running keeps its state.
         actions: (N, 2) in [-1, 1]: acceleration, steering.
         ego: (N, 4).
@@ -105,6 +109,7 @@ def step_worlds(
         began: (N,) output, infraction bits that began in this step.
         success: (N,) output, whether the route is complete.
         reward_terms: (N, 5) output.
+        rewards: (N,) output, their sums.
     """
     for n in range(ego.shape[0]):
         began[n] = 0
@@ -123,7 +128,14 @@ def step_worlds(
             advance(car, acceleration, steering, physics.half_length_m, physics.dt_s)
             update_progress(car, points, size, route_spacing[n], progress[n])
             now = current_infractions(
-                physics, bits, directions, grid, car, progress[n], timers[n]
+                physics,
+                classes,
+                classes_grid,
+                directions,
+                directions_grid,
+                car,
+                progress[n],
+                timers[n],
             )
             began[n] |= now & ~holding[n]
             holding[n] = now
@@ -133,7 +145,8 @@ def step_worlds(
         command[n, ACCELERATION] = actions[n, ACCELERATION]
         command[n, STEERING] = actions[n, STEERING]
         steps[n] += 1
-        returns[n] += reward_terms[n].sum()
+        rewards[n] = reward_terms[n].sum()
+        returns[n] += rewards[n]
         end_x = points[size - 1, X] - car[X]
         end_y = points[size - 1, Y] - car[Y]
         near = end_x * end_x + end_y * end_y < physics.success_distance_m**2

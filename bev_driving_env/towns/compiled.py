@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, field
 
@@ -11,8 +12,11 @@ from highway_env.road.road import LaneIndex, RoadNetwork
 from numpy.typing import NDArray
 
 from .network import CrossSection, Signal, TownNetwork
-from .raster import StaticRaster, rasterize
+from .raster import Raster, rasterize_classes, rasterize_directions
 
+RULES_PX_PER_M = 10.0
+"""Resolution at which the rules see the road, whatever the resolution of the BEV."""
+DIRECTIONS_PX_PER_M = 5.0
 SAMPLE_M = 0.5
 JOINT_M = 1.5
 """A lane leads on to another when its end is within this distance of the other's start."""
@@ -84,7 +88,7 @@ class CompiledTown:
     cross_section: CrossSection
     signals: tuple[Signal, ...]
     stop_lines: NDArray[np.float64]
-    _rasters: dict[float, StaticRaster] = field(default_factory=dict, repr=False, compare=False)
+    _rasters: dict[float, Raster] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -93,13 +97,18 @@ class CompiledTown:
         (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
         return float(x0), float(y0), float(x1), float(y1)
 
-    def raster(self, px_per_m: float = 5.0) -> StaticRaster:
-        """The static raster at a resolution, made on first use."""
+    def classes(self, px_per_m: float = RULES_PX_PER_M) -> Raster:
+        """The raster of static classes at a resolution, made on first use."""
         if px_per_m not in self._rasters:
-            self._rasters[px_per_m] = rasterize(
+            self._rasters[px_per_m] = rasterize_classes(
                 self.lanes, self.cross_section, self.bounds, px_per_m
             )
         return self._rasters[px_per_m]
+
+    @functools.cached_property
+    def directions(self) -> Raster:
+        """The raster of lane directions."""
+        return rasterize_directions(self.lanes, self.bounds, DIRECTIONS_PX_PER_M)
 
 
 def compile_network(

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import functools
 import math
-import re
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .compiled import CompiledTown
+from .compiled import CompiledTown, Lane
 
 SPACING_M = 0.5
 TURN_RAD = math.radians(30.0)
@@ -56,19 +56,8 @@ class Route:
     @functools.cached_property
     def points(self) -> NDArray[np.float64]:
         """Evenly spaced points (R, 4), at most 0.5 m apart: x, y and unit direction."""
-        stations, points = [], []
-        offset = -self.start_m
-        for number in self.lanes:
-            lane = self.town.lanes[number]
-            stations.append(lane.stations + offset)
-            points.append(lane.points)
-            offset += lane.length_m
-        along, curve = np.concatenate(stations), np.concatenate(points)
-        count = max(2, math.ceil(self.length_m / SPACING_M) + 1)
-        wanted = np.linspace(0.0, self.length_m, count)
-        result = np.column_stack([np.interp(wanted, along, column) for column in curve.T])
-        result[:, 2:] /= np.linalg.norm(result[:, 2:], axis=1, keepdims=True)
-        return result
+        chain = [self.town.lanes[number] for number in self.lanes]
+        return resample(chain, self.start_m, self.length_m)
 
     @property
     def spacing_m(self) -> float:
@@ -84,6 +73,30 @@ class Route:
                 start = self.town.lanes[following]
                 words.append(start.junction + turn_letter(self.town, following))
         return " ".join(words)
+
+
+def resample(chain: Sequence[Lane], start_m: float, length_m: float) -> NDArray[np.float64]:
+    """Evenly spaced points along consecutive lanes.
+
+    Args:
+        chain: The lanes, in driving order.
+        start_m: Station on the first lane of the first point.
+        length_m: Distance from the first to the last point.
+
+    Returns:
+        Points (R, 4), at most 0.5 m apart: x, y and unit direction.
+    """
+    stations, points = [], []
+    offset = -start_m
+    for lane in chain:
+        stations.append(lane.stations + offset)
+        points.append(lane.points)
+        offset += lane.length_m
+    along, curve = np.concatenate(stations), np.concatenate(points)
+    wanted = np.linspace(0.0, length_m, max(2, math.ceil(length_m / SPACING_M) + 1))
+    result = np.column_stack([np.interp(wanted, along, column) for column in curve.T])
+    result[:, 2:] /= np.linalg.norm(result[:, 2:], axis=1, keepdims=True)
+    return result
 
 
 def turn_letter(town: CompiledTown, lane: int) -> str:

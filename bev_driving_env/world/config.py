@@ -9,6 +9,9 @@ from ..frames import BEVGeometry
 from ..kernels.layout import Physics, Window
 from .infractions import INFRACTIONS, bits_of
 
+BEV_OVERSAMPLING = 2
+"""The BEV is sampled from a raster this many times finer, which keeps thin lines smooth."""
+
 
 def _require_positive(owner: object, *names: str) -> None:
     for name in names:

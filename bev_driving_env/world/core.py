@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from ..frames import CHANNELS
 from ..kernels.bev import render_worlds
 from ..kernels.jit import announce_compilation, drop_stale_caches
-from ..kernels.layout import REWARD_TERMS, ROUTE_DONE
+from ..kernels.layout import REWARD_TERMS, ROUTE_DONE, ROUTE_POSITION
 from ..kernels.step import step_worlds
 from ..towns.compiled import CompiledTown
 from ..towns.route import Route
-from .config import WorldConfig
+from .config import BEV_OVERSAMPLING, WorldConfig
 from .infractions import InfractionEvent, bits_of, names_of
 from .state import WorldState
 
@@ -48,6 +48,7 @@ class World:
         began: (N,) infraction bits that began in the last step.
         success: (N,) whether the route was completed in the last step.
         reward_terms: (N, 5) terms of the last step's reward.
+        rewards: (N,) their sums; like the terms, 0 right after a reset.
     """
 
     def __init__(self, town: CompiledTown, config: WorldConfig, worlds: int = 1) -> None:
@@ -61,15 +62,17 @@ class World:
         self.began = np.zeros(worlds, np.int64)
         self.success = np.zeros(worlds, np.bool_)
         self.reward_terms = np.zeros((worlds, REWARD_TERMS))
+        self.rewards = np.zeros(worlds)
         self._terminating = bits_of(config.terminate_on)
         self._physics = config.physics()
         self._window = config.window()
         self._everyone = np.ones(worlds, np.bool_)
         drop_stale_caches()
         with announce_compilation():
-            self._raster = town.raster()
             # the rules must not depend on how finely the view is drawn
-            self._bev_raster = town.raster(config.bev.px_per_m)
+            self._classes = town.classes()
+            self._directions = town.directions
+            self._bev_classes = town.classes(BEV_OVERSAMPLING * config.bev.px_per_m)
             self._warm_up()
 
     def _warm_up(self) -> None:
@@ -103,6 +106,7 @@ class World:
         self.began[world] = 0
         self.success[world] = False
         self.reward_terms[world] = 0.0
+        self.rewards[world] = 0.0
 
     def step(self, actions: NDArray[np.float64], running: NDArray[np.bool_] | None = None) -> None:
         """Advance all running worlds by one control step.
@@ -114,9 +118,10 @@ class World:
         state = self.state
         step_worlds(
             self._physics,
-            self._raster.bits,
-            self._raster.directions,
-            self._raster.grid,
+            self._classes.pixels,
+            self._classes.grid,
+            self._directions.pixels,
+            self._directions.grid,
             self._everyone if running is None else running,
             actions,
             state.ego,
@@ -133,6 +138,7 @@ class World:
             self.began,
             self.success,
             self.reward_terms,
+            self.rewards,
         )
         if self.began.any():
             for world in np.flatnonzero(self.began):
@@ -160,8 +166,8 @@ class World:
         state = self.state
         render_worlds(
             self._window,
-            self._bev_raster.bits,
-            self._bev_raster.grid,
+            self._bev_classes.pixels,
+            self._bev_classes.grid,
             self.town.stop_lines,
             self._everyone if selected is None else selected,
             state.ego,
@@ -174,6 +180,10 @@ class World:
             state.signals,
             bev,
         )
+
+    def route_position_m(self, world: int) -> float:
+        """Where along its route a world's ego is now, in metres."""
+        return float(self.state.progress[world, ROUTE_POSITION])
 
     def snapshot(self) -> WorldSnapshot:
         """Copy everything that the future depends on."""

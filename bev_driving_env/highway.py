@@ -1,0 +1,170 @@
+"""``BEVObservation``: the same bird's-eye view from any highway-env environment."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from highway_env.envs.common.action import ContinuousAction
+from highway_env.road.road import LaneIndex, RoadNetwork
+from highway_env.vehicle.kinematics import Vehicle
+from numpy.typing import NDArray
+
+from .frames import CHANNELS, BEVGeometry
+from .kernels.bev import render_worlds
+from .kernels.jit import announce_compilation, drop_stale_caches
+from .kernels.layout import ACTOR_COLUMNS
+from .spaces import observation_space
+from .towns.compiled import CompiledTown, Lane, compile_network
+from .towns.route import resample
+from .world.config import BEV_OVERSAMPLING, bev_window
+from .world.state import WorldState
+
+Observation = dict[str, NDArray[Any]]
+
+LANE_CHANGE_M = 5.0
+"""A route is drawn on across a gap between lanes of up to this much: one lane change."""
+
+
+class BEVObservation(gym.ObservationWrapper[Observation, Any, Any]):
+    """Replaces a highway-env observation by BEVTown's: six-channel ``bev`` and ``measurements``.
+
+    The road and lane channels come from the environment's road network, the vehicles channel from
+    its other vehicles, the route channel from the ego's own planned route where it has one.
+    Pedestrians and lights do not exist in highway-env, so their channels are empty; obstacles
+    that are not vehicles are not drawn. Commands are scaled by highway-env's ranges
+    (5 m/s^2, pi/4).
+
+    >>> import gymnasium, highway_env
+    >>> env = BEVObservation(gymnasium.make("intersection-v2"))
+    >>> env.reset(seed=0)[0]["bev"].shape
+    (6, 192, 192)
+
+    Args:
+        env: Any environment built on highway-env's ``AbstractEnv``.
+        bev: Geometry of the view.
+
+    Raises:
+        TypeError: The environment has no highway-env road.
+    """
+
+    def __init__(self, env: gym.Env[Any, Any], bev: BEVGeometry | None = None) -> None:
+        super().__init__(env)
+        if not hasattr(env.unwrapped, "road") or not hasattr(env.unwrapped, "vehicle"):
+            raise TypeError(
+                f"BEVObservation needs a highway-env environment with a road and a vehicle, "
+                f"got {type(env.unwrapped).__name__}"
+            )
+        self.geometry = bev or BEVGeometry()
+        self.observation_space = observation_space(self.geometry, Vehicle.MAX_SPEED)
+        self._window = bev_window(self.geometry)
+        self._state = WorldState.empty(1)
+        self._compiled: tuple[RoadNetwork, CompiledTown] | None = None
+        self._numbers: dict[LaneIndex, int] = {}
+        drop_stale_caches()
+
+    def observation(self, observation: Any) -> Observation:
+        """Draw the view of the environment's present state; its own observation is not used."""
+        road, ego = self.env.unwrapped.road, self.env.unwrapped.vehicle  # type: ignore[attr-defined]
+        town = self._town(road.network)
+        self._state.ego[0] = (*ego.position, ego.heading, ego.speed)
+        others = [vehicle for vehicle in road.vehicles if vehicle is not ego]
+        self._state.vehicles = _boxes(others)[None]
+        self._set_route(town, ego)
+        with announce_compilation():
+            raster = town.classes(BEV_OVERSAMPLING * self.geometry.px_per_m)
+            bev = np.empty((1, len(CHANNELS), self.geometry.size, self.geometry.size), np.uint8)
+            state = self._state
+            render_worlds(
+                self._window,
+                raster.pixels,
+                raster.grid,
+                town.stop_lines,
+                np.ones(1, np.bool_),
+                state.ego,
+                state.route_points,
+                state.route_size,
+                state.route_spacing,
+                state.progress,
+                state.vehicles,
+                state.pedestrians,
+                state.signals,
+                bev,
+            )
+        return {"bev": bev[0], "measurements": _measurements(ego)}
+
+    def _town(self, network: RoadNetwork) -> CompiledTown:
+        """Compile the network, unless it equals the last one (highway-env rebuilds it at reset)."""
+        if self._compiled is not None and self._compiled[0] is network:
+            return self._compiled[1]
+        town = compile_network(type(self.env.unwrapped).__name__, network, allow_dead_ends=True)
+        if self._compiled is not None and _same_lanes(town.lanes, self._compiled[1].lanes):
+            town = self._compiled[1]
+        self._compiled = (network, town)
+        self._numbers = {lane.index: number for number, lane in enumerate(town.lanes)}
+        return town
+
+    def _set_route(self, town: CompiledTown, ego: Vehicle) -> None:
+        chain = self._route_lanes(town, ego)
+        length_m = 0.0
+        if chain:
+            start_m, _ = ego.road.network.get_lane(chain[0].index).local_coordinates(ego.position)
+            start_m = min(max(start_m, 0.0), chain[0].length_m)
+            length_m = min(sum(lane.length_m for lane in chain) - start_m, 100.0)
+        if length_m < 1.0:
+            self._state.route_size[0] = 0
+            return
+        self._state.set_route(0, resample(chain, start_m, length_m), length_m)
+
+    def _route_lanes(self, town: CompiledTown, ego: Vehicle) -> list[Lane]:
+        """The ego's own route as lanes, as far as they lead on to each other."""
+        chain: list[Lane] = []
+        here = np.asarray(ego.position, dtype=np.float64)
+        for start, end, number in getattr(ego, "route", None) or []:
+            count = len(ego.road.network.graph[start][end])
+            numbers = range(count) if number is None else [number]
+            lanes = [town.lanes[self._numbers[(start, end, k)]] for k in numbers]
+            gaps = [_distance(lane, here, whole=not chain) for lane in lanes]
+            nearest = int(np.argmin(gaps))
+            if chain and gaps[nearest] > LANE_CHANGE_M:
+                break
+            chain.append(lanes[nearest])
+            here = chain[-1].points[-1, :2]
+        return chain
+
+
+def _distance(lane: Lane, point: NDArray[np.float64], *, whole: bool) -> float:
+    """Distance from a point to the lane's start, or to the nearest of its samples."""
+    samples = lane.points[:, :2] if whole else lane.points[:1, :2]
+    if whole and len(samples) == 2:
+        samples = np.linspace(samples[0], samples[1], 64)
+    return float(np.linalg.norm(samples - point, axis=1).min())
+
+
+def _same_lanes(lanes: Sequence[Lane], others: Sequence[Lane]) -> bool:
+    """Whether two networks have the same lanes in the same places."""
+    return len(lanes) == len(others) and all(
+        a.index == b.index
+        and a.lines == b.lines
+        and np.array_equal(a.points, b.points)
+        and np.array_equal(a.half_width, b.half_width)
+        for a, b in zip(lanes, others, strict=True)
+    )
+
+
+def _boxes(vehicles: Sequence[Vehicle]) -> NDArray[np.float64]:
+    """Footprints (V, 6): x, y, heading, speed, length, width."""
+    rows = [(*v.position, v.heading, v.speed, v.LENGTH, v.WIDTH) for v in vehicles]
+    return np.array(rows, dtype=np.float64).reshape(-1, ACTOR_COLUMNS)
+
+
+def _measurements(ego: Vehicle) -> NDArray[np.float32]:
+    action = ego.action if isinstance(ego.action, dict) else {}
+    acceleration = float(action.get("acceleration", 0.0)) / ContinuousAction.ACCELERATION_RANGE[1]
+    steering = float(action.get("steering", 0.0)) / ContinuousAction.STEERING_RANGE[1]
+    values = (ego.speed, min(max(acceleration, -1.0), 1.0), min(max(steering, -1.0), 1.0))
+    assert all(math.isfinite(value) for value in values)
+    return np.array(values, dtype=np.float32)

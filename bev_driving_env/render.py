@@ -1,0 +1,185 @@
+"""Drawing with OpenCV, without a display: BEV in colour, town maps, the panel of ``render()``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from .frames import CHANNELS, footprint
+from .kernels.layout import JUNCTION_BIT, LANE_BIT, ROAD_BIT, ROUTE_DONE, SIDEWALK_BIT, SPEED
+from .towns.compiled import CompiledTown
+
+if TYPE_CHECKING:
+    from .world.core import World
+
+Image = NDArray[np.uint8]
+Colour = tuple[int, int, int]
+
+BEV_COLOURS: dict[str, Colour] = {
+    "road": (70, 72, 80),
+    "route": (70, 130, 230),
+    "lane": (240, 240, 235),
+    "vehicles": (240, 170, 40),
+    "pedestrians": (220, 70, 160),
+    "lights": (230, 50, 40),
+}
+GROUND: Colour = (226, 232, 218)
+SIDEWALK: Colour = (198, 196, 190)
+ROAD: Colour = (128, 130, 136)
+JUNCTION: Colour = (116, 118, 124)
+LINE: Colour = (245, 245, 240)
+INK: Colour = (20, 24, 32)
+EGO: Colour = (40, 200, 90)
+PANEL_PX = 576
+
+
+def bev_image(bev: Image) -> Image:
+    """A BEV (6, H, W) as an RGB image (H, W, 3); later channels are drawn over earlier ones."""
+    image = np.full((*bev.shape[1:], 3), 24, np.float32)
+    for name, plane in zip(CHANNELS, bev, strict=True):
+        share = plane[..., None].astype(np.float32) / 255.0
+        image += share * (np.array(BEV_COLOURS[name], np.float32) - image)
+    return image.round().astype(np.uint8)
+
+
+class TownMap:
+    """A town seen from above, to draw on, in world coordinates.
+
+    Args:
+        town: The town.
+        px_per_m: Resolution.
+        margin_m: Ground shown around the outermost lanes.
+    """
+
+    def __init__(self, town: CompiledTown, px_per_m: float = 2.0, margin_m: float = 14.0) -> None:
+        x0, y0, x1, y1 = town.bounds
+        self.px_per_m = px_per_m
+        self.origin = np.array([x0 - margin_m, y0 - margin_m])
+        raster = town.classes()
+        scale = raster.grid.px_per_m
+        left, top = ((self.origin - raster.grid[:2]) * scale).round().astype(int)
+        width = round((x1 - x0 + 2.0 * margin_m) * scale)
+        height = round((y1 - y0 + 2.0 * margin_m) * scale)
+        bits = raster.pixels[top : top + height, left : left + width]
+        image = np.empty((*bits.shape, 3), np.uint8)
+        image[:] = GROUND
+        for bit, colour in (
+            (SIDEWALK_BIT, SIDEWALK),
+            (ROAD_BIT, ROAD),
+            (JUNCTION_BIT, JUNCTION),
+            (LANE_BIT, LINE),
+        ):
+            image[bits & bit != 0] = colour
+        size = (round(width * px_per_m / scale), round(height * px_per_m / scale))
+        self.image: Image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+
+    def _pixels(self, points: NDArray[np.float64]) -> NDArray[np.int32]:
+        """World points (..., 2) as fixed-point pixels with 4 fractional bits."""
+        pixels = (np.asarray(points)[..., :2] - self.origin) * self.px_per_m - 0.5
+        return np.asarray((pixels * 16.0).round(), dtype=np.int32)
+
+    def line(self, points: NDArray[np.float64], colour: Colour, width_px: int = 2) -> None:
+        """Draw a polyline through world points (P, 2 or more columns)."""
+        if len(points) > 1:
+            cv2.polylines(
+                self.image, [self._pixels(points)], False, colour, width_px, cv2.LINE_AA, 4
+            )
+
+    def polygon(self, points: NDArray[np.float64], colour: Colour) -> None:
+        """Fill a polygon with corners at world points (P, 2)."""
+        cv2.fillPoly(self.image, [self._pixels(points)], colour, cv2.LINE_AA, 4)
+
+    def dot(
+        self, point: Sequence[float], colour: Colour, radius_px: float, border: Colour = INK
+    ) -> None:
+        """Draw a filled circle with a border at a world point."""
+        x, y = self._pixels(np.array(point, dtype=np.float64)).tolist()
+        radius = round(radius_px * 16)
+        cv2.circle(self.image, (x, y), radius, colour, -1, cv2.LINE_AA, 4)
+        cv2.circle(self.image, (x, y), radius, border, 1, cv2.LINE_AA, 4)
+
+    def arrow(self, pose: Sequence[float], colour: Colour, length_m: float = 9.0) -> None:
+        """Draw an arrowhead at a world pose, pointing along its heading."""
+        head = footprint(pose, length_m, length_m * 0.7)
+        tip, back = head[:2].mean(axis=0), (head[2:].mean(axis=0) + np.array(pose[:2])) / 2.0
+        corners = np.array([tip, head[2], back, head[3]])
+        self.polygon(corners, colour)
+        self.line(np.vstack([corners, corners[:1]]), INK, 1)
+
+    def label(self, point: Sequence[float], text: str, offset_px: tuple[int, int] = (7, -7)) -> None:
+        """Write a short text beside a world point, on a light box so that it stays legible."""
+        x, y = (self._pixels(np.array(point, dtype=np.float64)) // 16).tolist()
+        write(self.image, text, (x + offset_px[0], y + offset_px[1]))
+
+
+def write(image: Image, text: str, origin: tuple[int, int], scale: float = 0.45) -> None:
+    """Write text with its lower left corner at a pixel, dark on a light box."""
+    font = cv2.FONT_HERSHEY_SIMPLEX
+    (width, height), below = cv2.getTextSize(text, font, scale, 1)
+    x, y = origin
+    box = image[max(0, y - height - 3) : y + below + 2, max(0, x - 3) : x + width + 3]
+    box[:] = (box.astype(np.uint16) + 3 * 255) // 4
+    cv2.putText(image, text, origin, font, scale, INK, 1, cv2.LINE_AA)
+
+
+def draw_panel(world: World, n: int) -> Image:
+    """The picture of one world: the town map, the BEV in colour, and its six channels."""
+    state = world.state
+    bev = np.zeros((len(world), *world.bev_shape), np.uint8)
+    selected = np.arange(len(world)) == n
+    world.render(bev, selected)
+    side = PANEL_PX
+    view = cv2.resize(bev_image(bev[n]), (side, side), interpolation=cv2.INTER_NEAREST)
+    ego_px = world.config.bev.pixel_from_ego(
+        footprint((0.0, 0.0, 0.0), world.config.vehicle.length_m, world.config.vehicle.width_m)
+        * [1.0, -1.0]
+    )
+    corners = ((ego_px + 0.5) * side / world.config.bev.size * 16.0).round().astype(np.int32)
+    cv2.fillPoly(view, [corners], EGO, cv2.LINE_AA, 4)
+    infractions = [event.name for event in world.events[n]]
+    lines = [
+        world.episode_ids[n],
+        f"{state.steps[n] * world.config.step_s:6.1f} s   {state.ego[n, SPEED]:5.2f} m/s",
+        f"{state.progress[n, ROUTE_DONE]:6.1f} of {state.route_length[n]:.1f} m",
+        *infractions[-3:],
+    ]
+    for k, text in enumerate(lines):
+        write(view, text, (10, 22 + 20 * k))
+    return np.hstack([_map_panel(world, n, side), view, _channel_column(bev[n], side)])
+
+
+def _map_panel(world: World, n: int, side: int) -> Image:
+    """The whole town with route and ego, scaled into a square."""
+    x0, y0, x1, y1 = world.town.bounds
+    town_map = TownMap(world.town, side / (max(x1 - x0, y1 - y0) + 28.0))
+    state = world.state
+    route = state.route_points[n, : state.route_size[n]]
+    town_map.line(route, BEV_COLOURS["route"], 3)
+    if len(route):
+        town_map.dot(route[-1, :2], (255, 255, 255), 5.0)
+    for event in world.events[n]:
+        town_map.dot((event.x, event.y), BEV_COLOURS["lights"], 5.0)
+    town_map.arrow(state.ego[n, :3], EGO, 14.0)
+    panel = np.empty((side, side, 3), np.uint8)
+    panel[:] = GROUND
+    height, width = town_map.image.shape[:2]
+    top, left = max(0, (side - height) // 2), max(0, (side - width) // 2)
+    panel[top : top + height, left : left + width] = town_map.image[:side, :side]
+    return panel
+
+
+def _channel_column(bev: Image, side: int) -> Image:
+    """The six channels as small pictures in two columns of three."""
+    tile = side // 3
+    tiles = []
+    for name, plane in zip(CHANNELS, bev, strict=True):
+        grey = cv2.resize(plane, (tile, tile), interpolation=cv2.INTER_AREA)
+        image = np.repeat(grey[..., None], 3, axis=2)
+        image[:, -1:] = image[-1:] = 90
+        write(image, name, (6, 16), 0.4)
+        tiles.append(image)
+    return np.vstack([np.hstack(tiles[k : k + 2]) for k in (0, 2, 4)])

@@ -1,0 +1,262 @@
+"""``BEVTownVectorEnv``: many cars in as many copies of one town, stepped together."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from .episodes import choose_route
+from .info import REWARD_TERM_NAMES, episode_summary, reward_terms, step_info
+from .kernels.layout import LATERAL, ROUTE_DONE, SPEED, X
+from .settings import EnvSettings
+from .spaces import action_space, checked_actions, observation_space
+from .towns.registry import compiled_town
+from .world.core import World, WorldSnapshot
+from .world.infractions import names_of
+
+BatchedObservation = dict[str, NDArray[Any]]
+Mask = NDArray[np.bool_]
+
+
+@dataclasses.dataclass(frozen=True)
+class VectorSnapshot:
+    """State of all worlds and which of them wait for their automatic reset."""
+
+    world: WorldSnapshot
+    ended: Mask
+
+
+class BEVTownVectorEnv(VectorEnv[BatchedObservation, NDArray[np.float32], NDArray[Any]]):
+    """Vectorised ``BEVTownEnv``: same spaces, same keywords, same numbers, one kernel call a step.
+
+    ``gym.make_vec("BEVTown01-v0", num_envs=8)`` builds this class. World ``i`` with seed ``s + i``
+    is bit-equal to a ``BEVTownEnv`` with that seed.
+
+    Args:
+        num_envs: Number of worlds, at least 1.
+        town: Name of a registered town.
+        autoreset_mode: ``AutoresetMode.NEXT_STEP`` (default), ``SAME_STEP`` or ``DISABLED``, or
+            the value of one, such as ``"SameStep"``. With ``DISABLED``, reset ended worlds by
+            ``reset(options={"reset_mask": mask})``.
+        max_episode_steps: Control steps after which a world is truncated, on top of the time
+            limit of its route; what ``TimeLimit`` does for a single environment.
+        render_mode: None or ``"rgb_array"``: ``render()`` then gives a tuple of frames.
+        **keywords: Those of ``BEVTownEnv``.
+
+    Raises:
+        ValueError: A value is not valid; the message names it and the valid ones.
+        TypeError: A keyword does not exist.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "render_modes": ["rgb_array"],
+        "render_fps": 10,
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        town: str = "Town01",
+        *,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        max_episode_steps: int | None = None,
+        render_mode: str | None = None,
+        **keywords: Any,
+    ) -> None:
+        if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
+            raise ValueError(f"num_envs must be an int of at least 1, got {num_envs!r}")
+        if render_mode not in (None, "rgb_array"):
+            raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
+        if max_episode_steps is not None and max_episode_steps < 1:
+            raise ValueError(f"max_episode_steps must be at least 1, got {max_episode_steps!r}")
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}  # type: ignore[misc]
+        self.settings = EnvSettings.from_keywords(keywords)
+        config = self.settings.world_config()
+        self.world = World(compiled_town(town), config, num_envs)
+        self._max_episode_steps = max_episode_steps
+        self.single_action_space = action_space()
+        self.single_observation_space = observation_space(config.bev, config.vehicle.max_speed_mps)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._ended = np.ones(num_envs, np.bool_)
+        self._placed = np.zeros(num_envs, np.bool_)
+
+    def reset(
+        self,
+        *,
+        seed: int | list[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[BatchedObservation, dict[str, Any]]:
+        """Start an episode in every world, or in those of ``options["reset_mask"]``.
+
+        Args:
+            seed: World ``i`` gets ``seed + i``; or one seed a world.
+            options: As for ``BEVTownEnv``, for all worlds alike, and ``reset_mask``.
+        """
+        options = dict(options or {})
+        mask = self._reset_mask(options.pop("reset_mask", None))
+        seeds = self._seeds(seed)
+        # Gymnasium seeds a generator at random on first use, and keeps it from then on
+        for i in np.flatnonzero(mask):
+            if seeds[i] is not None or not self._placed[i]:
+                self.world.rngs[i], _ = seeding.np_random(seeds[i])
+            self._start(int(i), options)
+        return self._observe(), self._infos(np.zeros(self.num_envs, np.bool_), mask)
+
+    def _reset_mask(self, mask: Any) -> Mask:
+        if mask is None:
+            return np.ones(self.num_envs, np.bool_)
+        mask = np.asarray(mask)
+        if mask.shape != (self.num_envs,) or mask.dtype != np.bool_ or not mask.any():
+            raise ValueError(
+                f"reset_mask must be a bool array of shape ({self.num_envs},) with at least one "
+                f"True, got {mask!r}"
+            )
+        return mask
+
+    def _seeds(self, seed: int | list[int | None] | None) -> list[int | None]:
+        if seed is None:
+            return [None] * self.num_envs
+        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"expected {self.num_envs} seeds, one a world, got {len(seeds)}")
+        return seeds
+
+    def _start(self, i: int, options: dict[str, Any] | None = None) -> None:
+        route, episode_id = choose_route(self.world.town, options, self.world.rngs[i])
+        self.world.place(i, route, episode_id)
+        if self._max_episode_steps is not None:
+            limit = min(self.world.state.time_limit[i], self._max_episode_steps)
+            self.world.state.time_limit[i] = limit
+        self._ended[i] = False
+        self._placed[i] = True
+
+    def step(
+        self, actions: NDArray[np.float32]
+    ) -> tuple[
+        BatchedObservation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
+    ]:
+        """Drive all worlds for a tenth of a second, resetting ended ones as the mode says.
+
+        Args:
+            actions: (num_envs, 2).
+
+        Raises:
+            ValueError: The actions are not (num_envs, 2) finite numbers.
+            gymnasium.error.ResetNeeded: A world was never reset, or, with ``DISABLED``, ended.
+        """
+        world = self.world
+        commands = checked_actions(actions, (self.num_envs, 2))
+        if not self._placed.all():
+            raise gym.error.ResetNeeded("call reset() before step()")
+        if self.autoreset_mode is AutoresetMode.DISABLED and self._ended.any():
+            raise gym.error.ResetNeeded(
+                f"worlds {np.flatnonzero(self._ended).tolist()} have ended: reset them with "
+                f'reset(options={{"reset_mask": mask}}), or choose another autoreset_mode'
+            )
+        running = ~self._ended
+        world.step(commands, running)
+        for i in np.flatnonzero(self._ended):
+            self._start(int(i))
+        terminated = world.terminated()
+        truncated = world.truncated() & ~terminated
+        rewards = world.rewards.copy()
+        ended = terminated | truncated
+        infos = self._infos(running, np.ones(self.num_envs, np.bool_))
+        if ended.any():
+            infos = self._finish(ended, infos)
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+            self._ended = ended
+        return self._observe(), rewards, terminated, truncated, infos
+
+    def _finish(self, ended: Mask, infos: dict[str, Any]) -> dict[str, Any]:
+        """Report ended episodes; in SAME_STEP mode also start the next ones."""
+        world = self.world
+        indices = [int(i) for i in np.flatnonzero(ended)]
+        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+            for i in indices:
+                infos = self._add_info(infos, {"episode_summary": episode_summary(world, i)}, i)
+            return infos
+        last = self._observe(ended)
+        for i in indices:
+            final = step_info(world, i)
+            final["reward_terms"] = reward_terms(world, i)
+            final["episode_summary"] = episode_summary(world, i)
+            final_obs = {key: array[i].copy() for key, array in last.items()}
+            infos = self._add_info(infos, {"final_obs": final_obs, "final_info": final}, i)
+            self._start(i)
+        fresh = self._infos(~ended, np.ones(self.num_envs, np.bool_))
+        return {**infos, **fresh}
+
+    def _observe(self, selected: Mask | None = None) -> BatchedObservation:
+        state = self.world.state
+        bev = np.empty((self.num_envs, *self.world.bev_shape), np.uint8)
+        self.world.render(bev, selected)
+        measurements = np.empty((self.num_envs, 3), np.float32)
+        measurements[:, 0] = state.ego[:, SPEED]
+        measurements[:, 1:] = state.command
+        return {"bev": bev, "measurements": measurements}
+
+    def _infos(self, stepped: Mask, reported: Mask) -> dict[str, Any]:
+        """Arrays over the worlds, each with the mask of the worlds it holds for."""
+        world, state = self.world, self.world.state
+        infractions = np.empty(self.num_envs, object)
+        infractions[:] = [list(names_of(bits)) if bits else [] for bits in world.began.tolist()]
+        arrays: dict[str, Any] = {
+            "route_m": state.progress[:, ROUTE_DONE].copy(),
+            "route_length_m": state.route_length.copy(),
+            "infractions": infractions,
+            "success": world.success.copy(),
+            "lateral_error_m": state.progress[:, LATERAL].copy(),
+            "episode_id": np.array(world.episode_ids, object),
+        }
+        infos = dict(arrays)
+        for key in arrays:
+            infos[f"_{key}"] = reported.copy()
+        if stepped.any():
+            terms: dict[str, Any] = {}
+            for column, name in enumerate(REWARD_TERM_NAMES):
+                terms[name] = world.reward_terms[:, column].copy()
+                terms[f"_{name}"] = stepped.copy()
+            infos["reward_terms"], infos["_reward_terms"] = terms, stepped.copy()
+        return infos
+
+    @property
+    def ego_poses(self) -> NDArray[np.float64]:
+        """World poses (num_envs, 3): x, y, heading; a copy."""
+        return self.world.state.ego[:, X : X + 3].copy()
+
+    def ground_truth_bev(self) -> NDArray[np.uint8]:
+        """The true BEVs (num_envs, 6, size, size) uint8 of this moment, newly made."""
+        return self._observe()["bev"]
+
+    def snapshot(self) -> VectorSnapshot:
+        """Copy the state of all worlds, random generators included."""
+        return VectorSnapshot(self.world.snapshot(), self._ended.copy())
+
+    def restore(self, snapshot: VectorSnapshot) -> BatchedObservation:
+        """Go back to a snapshot and return the observations there."""
+        self.world.restore(snapshot.world)
+        self._ended = snapshot.ended.copy()
+        return self._observe()
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """One RGB frame (H, W, 3) a world, with ``render_mode="rgb_array"``."""
+        if self.render_mode is None:
+            gym.logger.warn('render() needs gym.make_vec(..., render_mode="rgb_array")')
+            return None
+        from .render import draw_panel
+
+        return tuple(draw_panel(self.world, i) for i in range(self.num_envs))
+

@@ -1,0 +1,1 @@
+"""Camera-to-BEV predictors; they arrive with the cameras."""
