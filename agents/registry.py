@@ -38,7 +38,6 @@ def make_agent(spec: str, env: gym.Env[Any, Any]) -> Agent:
     agent = factory(env)
     if not isinstance(agent, Agent):
         raise ValueError(
-            f"agent {spec!r} must have reset(seed) and act(observation), "
-            f"got {type(agent).__name__}"
+            f"agent {spec!r} must have reset(seed) and act(observation), got {type(agent).__name__}"
         )
     return agent

@@ -9,6 +9,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from ._version import __version__
 from .towns.registry import register_builtin_towns, register_town, road_network
 
 if TYPE_CHECKING:
@@ -17,13 +18,12 @@ if TYPE_CHECKING:
     from .vector_env import BEVTownVectorEnv
     from .wrappers import BEVOnly
 
-__version__ = "0.1.0"
-
 __all__ = [
     "BEVObservation",
     "BEVOnly",
     "BEVTownEnv",
     "BEVTownVectorEnv",
+    "__version__",
     "register_town",
     "road_network",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -20,10 +20,10 @@ from .world.core import World, WorldSnapshot
 Observation = dict[str, NDArray[Any]]
 
 
-class BEVTownEnv(gym.Env[Observation, NDArray[np.float32]]):
+class BEVTownEnv(gym.Env[Any, Any]):
     __doc__ = """TODO"""
 
-    metadata: ClassVar[dict[str, Any]] = {"render_modes": ["rgb_array", "human"], "render_fps": 10}
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 10}
 
     def __init__(
         self, town: str = "Town01", *, render_mode: str | None = None, **keywords: Any

@@ -46,9 +46,7 @@ def choose_route(
         return _fixed(town, suite, options[suite])
     if keys == {"split", "index"}:
         if options["split"] not in SPLITS:
-            raise ValueError(
-                f"unknown split {options['split']!r}; splits are: {', '.join(SPLITS)}"
-            )
+            raise ValueError(f"unknown split {options['split']!r}; splits are: {', '.join(SPLITS)}")
         return _fixed(town, options["split"], options["index"])
     if keys == {"start", "goal"}:
         route = shortest_route(town, _place(town, options, "start"), _place(town, options, "goal"))

@@ -36,7 +36,7 @@ def ego_axes(heading_rad: float) -> tuple[Points, Points]:
     return np.array([cos, sin]), np.array([sin, -cos])
 
 
-def world_from_ego(pose: Sequence[float], points: ArrayLike) -> Points:
+def world_from_ego(pose: Sequence[float] | Points, points: ArrayLike) -> Points:
     """Map ego-frame points (..., 2) to world points (..., 2).
 
     >>> world_from_ego((10.0, 0.0, 0.0), [1.0, 2.0]).tolist()  # 2 m to the left is north: -y
@@ -47,14 +47,14 @@ def world_from_ego(pose: Sequence[float], points: ArrayLike) -> Points:
     return np.asarray(pose[:2], dtype=np.float64) + xy[..., :1] * forward + xy[..., 1:2] * left
 
 
-def ego_from_world(pose: Sequence[float], points: ArrayLike) -> Points:
+def ego_from_world(pose: Sequence[float] | Points, points: ArrayLike) -> Points:
     """Map world points (..., 2) to ego-frame points (..., 2); inverse of :func:`world_from_ego`."""
     forward, left = ego_axes(pose[2])
     offset = np.asarray(points, dtype=np.float64) - np.asarray(pose[:2], dtype=np.float64)
     return np.stack([offset @ forward, offset @ left], axis=-1)
 
 
-def footprint(pose: Sequence[float], length_m: float, width_m: float) -> Points:
+def footprint(pose: Sequence[float] | Points, length_m: float, width_m: float) -> Points:
     """Corners (4, 2) of a box centred on a pose: front left, front right, rear right, rear left."""
     half_length, half_width = length_m / 2.0, width_m / 2.0
     corners = np.array(

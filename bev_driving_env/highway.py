@@ -29,7 +29,7 @@ LANE_CHANGE_M = 5.0
 """A route is drawn on across a gap between lanes of up to this much: one lane change."""
 
 
-class BEVObservation(gym.ObservationWrapper[Observation, Any, Any]):
+class BEVObservation(gym.ObservationWrapper[Any, Any, Any]):
     """Replaces a highway-env observation by BEVTown's: six-channel ``bev`` and ``measurements``.
 
     The road and lane channels come from the environment's road network, the vehicles channel from

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 Image = NDArray[np.uint8]
 Colour = tuple[int, int, int]
+Coordinates = Sequence[float] | NDArray[np.float64]
 
 BEV_COLOURS: dict[str, Colour] = {
     "road": (70, 72, 80),
@@ -75,7 +76,9 @@ class TownMap:
         ):
             image[bits & bit != 0] = colour
         size = (round(width * px_per_m / scale), round(height * px_per_m / scale))
-        self.image: Image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+        self.image: Image = np.asarray(
+            cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8
+        )
 
     def _pixels(self, points: NDArray[np.float64]) -> NDArray[np.int32]:
         """World points (..., 2) as fixed-point pixels with 4 fractional bits."""
@@ -94,7 +97,7 @@ class TownMap:
         cv2.fillPoly(self.image, [self._pixels(points)], colour, cv2.LINE_AA, 4)
 
     def dot(
-        self, point: Sequence[float], colour: Colour, radius_px: float, border: Colour = INK
+        self, point: Coordinates, colour: Colour, radius_px: float, border: Colour = INK
     ) -> None:
         """Draw a filled circle with a border at a world point."""
         x, y = self._pixels(np.array(point, dtype=np.float64)).tolist()
@@ -102,7 +105,7 @@ class TownMap:
         cv2.circle(self.image, (x, y), radius, colour, -1, cv2.LINE_AA, 4)
         cv2.circle(self.image, (x, y), radius, border, 1, cv2.LINE_AA, 4)
 
-    def arrow(self, pose: Sequence[float], colour: Colour, length_m: float = 9.0) -> None:
+    def arrow(self, pose: Coordinates, colour: Colour, length_m: float = 9.0) -> None:
         """Draw an arrowhead at a world pose, pointing along its heading."""
         head = footprint(pose, length_m, length_m * 0.7)
         tip, back = head[:2].mean(axis=0), (head[2:].mean(axis=0) + np.array(pose[:2])) / 2.0
@@ -110,7 +113,7 @@ class TownMap:
         self.polygon(corners, colour)
         self.line(np.vstack([corners, corners[:1]]), INK, 1)
 
-    def label(self, point: Sequence[float], text: str, offset_px: tuple[int, int] = (7, -7)) -> None:
+    def label(self, point: Coordinates, text: str, offset_px: tuple[int, int] = (7, -7)) -> None:
         """Write a short text beside a world point, on a light box so that it stays legible."""
         x, y = (self._pixels(np.array(point, dtype=np.float64)) // 16).tolist()
         write(self.image, text, (x + offset_px[0], y + offset_px[1]))
@@ -178,7 +181,7 @@ def _channel_column(bev: Image, side: int) -> Image:
     tiles = []
     for name, plane in zip(CHANNELS, bev, strict=True):
         grey = cv2.resize(plane, (tile, tile), interpolation=cv2.INTER_AREA)
-        image = np.repeat(grey[..., None], 3, axis=2)
+        image = np.repeat(np.asarray(grey, np.uint8)[..., None], 3, axis=2)
         image[:, -1:] = image[-1:] = 90
         write(image, name, (6, 16), 0.4)
         tiles.append(image)

@@ -111,8 +111,7 @@ class EnvSettings:
             missing = [name for name in CHANNELS if name not in source]
             if missing and "default" not in source:
                 raise ValueError(
-                    f"bev_source names no source for channel {missing[0]!r}; "
-                    f"add it or a 'default'"
+                    f"bev_source names no source for channel {missing[0]!r}; add it or a 'default'"
                 )
             chosen = next((name for name in source.values() if name not in BEV_SOURCES), "")
         if chosen and chosen not in BEV_SOURCES:
@@ -122,10 +121,14 @@ class EnvSettings:
 
     def world_config(self) -> WorldConfig:
         """The configuration of the world core that these settings ask for."""
-        terminate_on = INFRACTIONS if self.terminate_on is None else self.terminate_on
+        if isinstance(self.terminate_on, str):
+            raise ValueError(
+                f"terminate_on must be a collection of infractions, got {self.terminate_on!r}; "
+                f"write ({self.terminate_on!r},)"
+            )
         return WorldConfig(
             cruise_speed_mps=self.max_speed_mps,
-            terminate_on=terminate_on if isinstance(terminate_on, str) else tuple(terminate_on),
+            terminate_on=tuple(INFRACTIONS if self.terminate_on is None else self.terminate_on),
             time_limit_s=self.time_limit_s,
             vehicle=_build(VehicleModel, self.vehicle),
             rules=_build(Rules, self.rules),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, ClassVar
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -33,7 +33,7 @@ class VectorSnapshot:
     ended: Mask
 
 
-class BEVTownVectorEnv(VectorEnv[BatchedObservation, NDArray[np.float32], NDArray[Any]]):
+class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
     """Vectorised ``BEVTownEnv``: same spaces, same keywords, same numbers, one kernel call a step.
 
     ``gym.make_vec("BEVTown01-v0", num_envs=8)`` builds this class. World ``i`` with seed ``s + i``
@@ -55,7 +55,7 @@ class BEVTownVectorEnv(VectorEnv[BatchedObservation, NDArray[np.float32], NDArra
         TypeError: A keyword does not exist.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
+    metadata = {
         "render_modes": ["rgb_array"],
         "render_fps": 10,
         "autoreset_mode": AutoresetMode.NEXT_STEP,
@@ -80,7 +80,7 @@ class BEVTownVectorEnv(VectorEnv[BatchedObservation, NDArray[np.float32], NDArra
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.autoreset_mode = AutoresetMode(autoreset_mode)
-        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}  # type: ignore[misc]
+        self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.settings = EnvSettings.from_keywords(keywords)
         config = self.settings.world_config()
         self.world = World(compiled_town(town), config, num_envs)
@@ -128,7 +128,9 @@ class BEVTownVectorEnv(VectorEnv[BatchedObservation, NDArray[np.float32], NDArra
     def _seeds(self, seed: int | list[int | None] | None) -> list[int | None]:
         if seed is None:
             return [None] * self.num_envs
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else list(seed)
+        seeds: list[int | None] = (
+            list(seed) if isinstance(seed, list) else [seed + i for i in range(self.num_envs)]
+        )
         if len(seeds) != self.num_envs:
             raise ValueError(f"expected {self.num_envs} seeds, one a world, got {len(seeds)}")
         return seeds
@@ -144,9 +146,7 @@ class BEVTownVectorEnv(VectorEnv[BatchedObservation, NDArray[np.float32], NDArra
 
     def step(
         self, actions: NDArray[np.float32]
-    ) -> tuple[
-        BatchedObservation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
-    ]:
+    ) -> tuple[BatchedObservation, NDArray[np.float64], Mask, Mask, dict[str, Any]]:
         """Drive all worlds for a tenth of a second, resetting ended ones as the mode says.
 
         Args:
@@ -259,4 +259,3 @@ class BEVTownVectorEnv(VectorEnv[BatchedObservation, NDArray[np.float32], NDArra
         from .render import draw_panel
 
         return tuple(draw_panel(self.world, i) for i in range(self.num_envs))
-

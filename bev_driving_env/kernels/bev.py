@@ -27,37 +27,58 @@ from .layout import (
 from .progress import route_pose
 
 ROAD, ROUTE, LANE, VEHICLES, PEDESTRIANS, LIGHTS = range(6)
-FIXED_POINT = 1 << 20
+FRACTION = 16
+"""Raster coordinates are integers with this many fractional bits."""
 
 
 @kernel
 def sample_row(
-    bits: NDArray, column: int, row: int, dx: int, dy: int, values: NDArray
+    classes: NDArray, column: int, row: int, columns: NDArray, rows: NDArray, values: NDArray
 ) -> None:
-    """Read raster values along a line of fixed-point coordinates; 0 outside the raster."""
-    height, width = bits.shape
+    """Read raster values along a line; 0 outside the raster.
+
+    Args:
+        classes: Raster (rows, columns) uint8.
+        column: Fixed-point column of the first sample.
+        row: Fixed-point row of the first sample.
+        columns: (K,) int32 fixed-point offsets from it.
+        rows: (K,) int32 likewise.
+        values: (K,) output.
+    """
+    height, width = classes.shape
     count = values.shape[0]
-    last_column, last_row = (column + dx * (count - 1)) >> 20, (row + dy * (count - 1)) >> 20
+    base_column, base_row = column >> FRACTION, row >> FRACTION
+    # 32-bit arithmetic relative to the first pixel vectorises twice as wide
+    part_column = np.int32(column - (base_column << FRACTION))
+    part_row = np.int32(row - (base_row << FRACTION))
+    shift = np.int32(FRACTION)
+    last_column = base_column + ((part_column + columns[count - 1]) >> shift)
+    last_row = base_row + ((part_row + rows[count - 1]) >> shift)
     inside = (
-        min(column >> 20, last_column) >= 0
-        and max(column >> 20, last_column) < width
-        and min(row >> 20, last_row) >= 0
-        and max(row >> 20, last_row) < height
+        min(base_column, last_column) >= 0
+        and max(base_column, last_column) < width
+        and min(base_row, last_row) >= 0
+        and max(base_row, last_row) < height
     )
     if inside:
-        flat = bits.reshape(-1)
+        flat, stride = classes.reshape(-1), np.int32(width)
+        base = base_row * width + base_column
         for u in range(count):
+            r = np.int32(np.int32(part_row + rows[u]) >> shift)
+            c = np.int32(np.int32(part_column + columns[u]) >> shift)
             # an unsigned index spares the check for negative ones
-            values[u] = flat[np.uint32(((row + u * dy) >> 20) * width + ((column + u * dx) >> 20))]
+            values[u] = flat[np.uint64(base + np.int32(np.int32(r * stride) + c))]
     else:
         for u in range(count):
-            r, c = (row + u * dy) >> 20, (column + u * dx) >> 20
-            values[u] = bits[r, c] if r >= 0 and c >= 0 and r < height and c < width else 0
+            r = base_row + ((part_row + rows[u]) >> shift)
+            c = base_column + ((part_column + columns[u]) >> shift)
+            within = r >= 0 and c >= 0 and r < height and c < width
+            values[u] = classes[r, c] if within else 0
 
 
 @kernel
 def sample_static(
-    bits: NDArray,
+    classes: NDArray,
     grid: RasterGrid,
     window: Window,
     x: float,
@@ -68,16 +89,20 @@ def sample_static(
     lane: NDArray,
 ) -> None:
     """Sample the road and lane planes from the static raster (nearest pixel), every pixel."""
-    scale = grid.px_per_m / window.px_per_m * FIXED_POINT
-    # one column to the right moves by (-sin, cos) in the world, one row down by (-cos, -sin)
+    scale = grid.px_per_m / window.px_per_m * (1 << FRACTION)
+    # one BEV column to the right moves by (-sin, cos) in the world, one row down by (-cos, -sin)
     dx, dy = int(round(-sin * scale)), int(round(cos * scale))
+    columns = np.empty(window.size, np.int32)
+    rows = np.empty(window.size, np.int32)
+    for u in range(window.size):
+        columns[u], rows[u] = u * dx, u * dy
     ahead = window.ego_row / window.px_per_m
     left = window.ego_column / window.px_per_m
-    per_m = grid.px_per_m * FIXED_POINT
+    per_m = grid.px_per_m * (1 << FRACTION)
     column = int(math.floor((x + ahead * cos + left * sin - grid.x0_m) * per_m))
     row = int(math.floor((y + ahead * sin - left * cos - grid.y0_m) * per_m))
     for v in range(window.size):
-        sample_row(bits, column - v * dy, row + v * dx, dx, dy, lane[v])
+        sample_row(classes, column - v * dy, row + v * dx, columns, rows, lane[v])
     flat_road, flat_lane = road.reshape(-1), lane.reshape(-1)
     for k in range(flat_lane.shape[0]):
         value = flat_lane[k]
@@ -102,8 +127,16 @@ def to_pixel(
 
 @kernel
 def draw_route(
-    plane: NDArray, window: Window, points: NDArray, size: int, spacing_m: float,
-    position_m: float, x: float, y: float, cos: float, sin: float,
+    plane: NDArray,
+    window: Window,
+    points: NDArray,
+    size: int,
+    spacing_m: float,
+    position_m: float,
+    x: float,
+    y: float,
+    cos: float,
+    sin: float,
 ) -> None:
     """Draw the planned lane centre from a route position to 80 m ahead as a band.
 
@@ -117,20 +150,14 @@ def draw_route(
     columns[1], rows[1] = to_pixel(window, x, y, cos, sin, px - dir_y * half, py + dir_x * half)
     i = int(position_m / spacing_m) + 1
     while True:
-        while (
-            (i + 1) * spacing_m < end_m
-            and points[i + 1, DIRECTION_X] * dir_x + points[i + 1, DIRECTION_Y] * dir_y
-            > 1.0 - 1e-12
-        ):
+        while (i + 1) * spacing_m < end_m and points[i + 1, DIRECTION_X] * dir_x + points[
+            i + 1, DIRECTION_Y
+        ] * dir_y > 1.0 - 1e-12:
             i += 1
         final = i * spacing_m >= end_m
         px, py, dir_x, dir_y = route_pose(points, size, spacing_m, min(i * spacing_m, end_m))
-        columns[3], rows[3] = to_pixel(
-            window, x, y, cos, sin, px + dir_y * half, py - dir_x * half
-        )
-        columns[2], rows[2] = to_pixel(
-            window, x, y, cos, sin, px - dir_y * half, py + dir_x * half
-        )
+        columns[3], rows[3] = to_pixel(window, x, y, cos, sin, px + dir_y * half, py - dir_x * half)
+        columns[2], rows[2] = to_pixel(window, x, y, cos, sin, px - dir_y * half, py + dir_x * half)
         fill_convex(plane, columns, rows, 0, 255)
         if final:
             break
@@ -140,8 +167,14 @@ def draw_route(
 
 @kernel
 def draw_boxes(
-    plane: NDArray, window: Window, boxes: NDArray, min_half_m: float, x: float, y: float,
-    cos: float, sin: float,
+    plane: NDArray,
+    window: Window,
+    boxes: NDArray,
+    min_half_m: float,
+    x: float,
+    y: float,
+    cos: float,
+    sin: float,
 ) -> None:
     """Draw actor footprints (V, 6); rows of length 0 are empty slots."""
     columns, rows = np.empty(4), np.empty(4)
@@ -171,8 +204,14 @@ def draw_boxes(
 
 @kernel
 def draw_stop_lines(
-    plane: NDArray, window: Window, stop_lines: NDArray, signals: NDArray, x: float, y: float,
-    cos: float, sin: float,
+    plane: NDArray,
+    window: Window,
+    stop_lines: NDArray,
+    signals: NDArray,
+    x: float,
+    y: float,
+    cos: float,
+    sin: float,
 ) -> None:
     """Draw the stop lines (S, 4) whose signal (S,) is yellow or red."""
     columns, rows = np.empty(4), np.empty(4)
@@ -194,7 +233,7 @@ def draw_stop_lines(
 @kernel
 def render_worlds(
     window: Window,
-    bits: NDArray,
+    classes: NDArray,
     grid: RasterGrid,
     stop_lines: NDArray,
     selected: NDArray,
@@ -212,7 +251,7 @@ def render_worlds(
 
     Args:
         window: BEV window.
-        bits: Static raster (rows, columns) uint8 with one bit per class.
+        classes: Static raster (rows, columns) uint8 with one bit per class.
         grid: Where it lies.
         stop_lines: (S, 4) end points x1, y1, x2, y2.
         selected: (N,) bool.
@@ -231,7 +270,7 @@ def render_worlds(
             continue
         x, y = ego[n, X], ego[n, Y]
         cos, sin = math.cos(ego[n, HEADING]), math.sin(ego[n, HEADING])
-        sample_static(bits, grid, window, x, y, cos, sin, bev[n, ROAD], bev[n, LANE])
+        sample_static(classes, grid, window, x, y, cos, sin, bev[n, ROAD], bev[n, LANE])
         bev[n, ROUTE] = 0
         bev[n, VEHICLES:] = 0
         if route_size[n] >= 2:

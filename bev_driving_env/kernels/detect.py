@@ -13,9 +13,9 @@ from .layout import (
     NO_LANE,
     ROAD_BIT,
     SPEED,
+    RasterGrid,
     X,
     Y,
-    RasterGrid,
 )
 
 FOOTPRINT_ROWS = 10

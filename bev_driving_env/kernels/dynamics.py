@@ -11,7 +11,9 @@ from .layout import HEADING, SPEED, X, Y
 
 
 @kernel
-def braked(acceleration_mps2: float, speed_mps: float, speed_limit_mps: float, dt_s: float) -> float:
+def braked(
+    acceleration_mps2: float, speed_mps: float, speed_limit_mps: float, dt_s: float
+) -> float:
     """Limit an acceleration so that brakes stop the car and never reverse it.
 
     Above the speed limit the car slows by 1/s times the excess, as in highway-env.

@@ -19,10 +19,10 @@ from .layout import (
     STOPPED_S,
     WRONG_LANE,
     WRONG_LANE_S,
-    X,
-    Y,
     Physics,
     RasterGrid,
+    X,
+    Y,
 )
 from .progress import update_progress
 from .reward import fill_reward_terms

@@ -45,7 +45,7 @@ class Signal:
     junction: str
 
 
-class TownNetwork(RoadNetwork):
+class TownNetwork(RoadNetwork):  # type: ignore[misc]
     """A road network with what highway-env has no place for.
 
     Any plain ``RoadNetwork`` can become a town; this subclass adds what a plain one lacks.

@@ -168,10 +168,7 @@ def route_by_turns(
     lanes, words = [lane], turns.split()
     while words or lane != end_lane or (len(lanes) == 1 and end_m <= start_m):
         options = town.successors[lane]
-        if len(options) == 1:
-            lane = options[0]
-        else:
-            lane = _decide(town, lane, words, turns)
+        lane = options[0] if len(options) == 1 else _decide(town, lane, words, turns)
         lanes.append(lane)
         if len(lanes) > 4 * len(town.lanes):
             raise ValueError(f"route {turns!r} from {start} never comes to its end {end}")
@@ -180,9 +177,7 @@ def route_by_turns(
 
 def _decide(town: CompiledTown, lane: int, words: list[str], turns: str) -> int:
     """Take the first decision off the list and return the lane it means."""
-    options = {
-        town.lanes[k].junction + turn_letter(town, k): k for k in town.successors[lane]
-    }
+    options = {town.lanes[k].junction + turn_letter(town, k): k for k in town.successors[lane]}
     if not words:
         raise ValueError(f"route {turns!r} does not say where to go: {', '.join(options)}")
     word = words.pop(0)
@@ -191,9 +186,7 @@ def _decide(town: CompiledTown, lane: int, words: list[str], turns: str) -> int:
     return options[word]
 
 
-def shortest_route(
-    town: CompiledTown, start: tuple[int, float], goal: tuple[int, float]
-) -> Route:
+def shortest_route(town: CompiledTown, start: tuple[int, float], goal: tuple[int, float]) -> Route:
     """Metric shortest route between two (lane, station) places, by Dijkstra on lane lengths.
 
     Raises:

@@ -83,9 +83,7 @@ class RewardWeights:
         for item in fields(self):
             value = getattr(self, item.name)
             if not (isinstance(value, (int, float)) and math.isfinite(value) and value >= 0.0):
-                raise ValueError(
-                    f"reward weight {item.name} must be a number >= 0, got {value!r}"
-                )
+                raise ValueError(f"reward weight {item.name} must be a number >= 0, got {value!r}")
 
 
 @dataclass(frozen=True)

@@ -65,10 +65,8 @@ def bits_of(names: Collection[str]) -> int:
     """Bitmask of a collection of infraction names.
 
     Raises:
-        ValueError: A name is not one of ``INFRACTIONS``, or a bare string was given.
+        ValueError: A name is not one of ``INFRACTIONS``.
     """
-    if isinstance(names, str):
-        raise ValueError(f"infractions must be a collection of names, got the string {names!r}")
     unknown = [name for name in names if name not in INFRACTIONS]
     if unknown:
         raise ValueError(
