@@ -181,7 +181,7 @@ def _channel_column(bev: Image, side: int) -> Image:
     tiles = []
     for name, plane in zip(CHANNELS, bev, strict=True):
         grey = cv2.resize(plane, (tile, tile), interpolation=cv2.INTER_AREA)
-        image = np.repeat(np.asarray(grey, np.uint8)[..., None], 3, axis=2)
+        image: Image = np.repeat(np.asarray(grey, np.uint8)[..., None], 3, axis=2)
         image[:, -1:] = image[-1:] = 90
         write(image, name, (6, 16), 0.4)
         tiles.append(image)
