@@ -21,7 +21,118 @@ Observation = dict[str, NDArray[Any]]
 
 
 class BEVTownEnv(gym.Env[Any, Any]):
-    __doc__ = """TODO"""
+    """One car in one town, seen through a bird's-eye view.
+
+    ## Description
+    The car follows a planned route through CARLA's Town01 or Town02, rebuilt as a highway-env road
+    network: two-lane roads, T junctions, right-hand traffic. World frame: metres, x east, y south,
+    heading clockwise from east. Ten actions a second; physics (a kinematic bicycle, 5 m x 2 m) at
+    20 Hz.
+
+    ## Action Space
+    `Box(-1, 1, (2,), float32)`; values beyond are clipped, NaN and wrong shapes are errors.
+
+    | Num | Action       | -1                           | 1                       |
+    |-----|--------------|------------------------------|-------------------------|
+    | 0   | acceleration | brake, 5 m/s^2, to a stop    | accelerate, 5 m/s^2     |
+    | 1   | steering     | wheels 70 degrees to the left | 70 degrees to the right |
+
+    ## Observation Space
+    A `Dict`:
+
+    | Key            | Space                               | Meaning                               |
+    |----------------|-------------------------------------|---------------------------------------|
+    | `bev`          | `Box(0, 255, (6, 192, 192), uint8)` | bird's-eye view, 0 or 255 per pixel   |
+    | `measurements` | `Box((3,), float32)`                | speed in m/s, the last two commands   |
+
+    The BEV has 5 px/m and row 0 farthest ahead; the ego's centre is at row 152, column 96, heading
+    up: 30.4 m are visible ahead, 8 m behind, 19.2 m to each side.
+
+    | Channel | Name          | 255 where                                                        |
+    |---------|---------------|------------------------------------------------------------------|
+    | 0       | `road`        | paved surface, junctions included, sidewalks not                 |
+    | 1       | `route`       | planned lane centre, 3.2 m wide, up to 80 m ahead, nothing behind |
+    | 2       | `lane`        | lane boundaries: centre line and both edges, none inside junctions |
+    | 3       | `vehicles`    | other vehicles (none in this version)                            |
+    | 4       | `pedestrians` | pedestrians, half extent at least 0.8 m (none in this version)   |
+    | 5       | `lights`      | stop lines whose signal says stop (none in this version)         |
+
+    ## Rewards
+    The sum of five terms, also in `info["reward_terms"]`. Weights by `reward={...}`.
+
+    | Term          | Value per step                                                 | Weight |
+    |---------------|----------------------------------------------------------------|--------|
+    | `progress`    | new route metres over those of cruising, at most 1             | 1.0    |
+    | `lateral`     | -min(distance from the planned lane centre / 3.5 m, 1)         | 0.5    |
+    | `heading`     | -abs(heading error) / pi                                       | 0.5    |
+    | `comfort`     | -mean change of the two commands / 2                           | 0.1    |
+    | `infractions` | -1 for each infraction that begins                             | 10.0   |
+
+    ## Starting State
+    Standing at the start of a route, on the lane centre. `reset(options=...)` chooses the route:
+
+    | Options                                           | Route                                    |
+    |---------------------------------------------------|------------------------------------------|
+    | `{"episode": k}`                                  | evaluation episode 0 to 4                |
+    | `{"route": k}`                                    | long route 0 to 9                        |
+    | `{"split": "val" or "test", "index": k}`          | route 0 to 49 of a split                 |
+    | `{"start": (x, y), "goal": (x, y)}`               | shortest way; a third number: heading |
+    | nothing                                           | random, 100 to 400 m, from the seed      |
+
+    ## Episode End
+    Terminated on success (99 % of the route and within 10 m of its end) or on an infraction in
+    `terminate_on`. Truncated at the time limit.
+
+    | Infraction             | When                                                              |
+    |------------------------|-------------------------------------------------------------------|
+    | `off_road`             | the centre, or a quarter of the footprint, leaves the pavement    |
+    | `wrong_lane`           | more than 1 s in a lane against the car's heading, no junction    |
+    | `route_deviation`      | more than 3.5 m from the planned lane centre                      |
+    | `collision_vehicle`    | footprints overlap (cannot occur in this version)                 |
+    | `collision_pedestrian` | likewise                                                          |
+    | `collision_static`     | likewise                                                          |
+    | `red_light`            | the front bumper crosses a stop line at red (likewise)            |
+    | `blocked`              | slower than 0.1 m/s for 30 s                                      |
+
+    ## Info
+    Every reset and step: `route_m` (route metres driven), `route_length_m`, `infractions` (names of
+    those that began in this step), `success`, `lateral_error_m` (positive to the right),
+    `episode_id`; every step also `reward_terms`; at the end also `episode_summary`.
+
+    ## Arguments
+    ```python
+    import gymnasium as gym
+    import bev_driving_env
+
+    env = gym.make("BEVTown01-v0", max_speed_mps=6.0)
+    ```
+
+    | Keyword          | Default          | Meaning                                               |
+    |------------------|------------------|-------------------------------------------------------|
+    | `town`           | from the id      | name of a registered town                             |
+    | `render_mode`    | `None`           | `"rgb_array"` or `"human"`: map, BEV, six channels    |
+    | `bev_source`     | `"ground_truth"` | what the policy sees; the only source in this version |
+    | `traffic`        | `"none"`         | other road users; only `"none"` in this version       |
+    | `traffic_lights` | `False`          | working signals; only `False` in this version         |
+    | `appearance`     | `"train"`        | look: also `"test"`, `"hard"` or an int (no effect) |
+    | `cameras`        | `False`          | camera images; only `False` in this version           |
+    | `camera_size`    | `(112, 240)`     | height and width of camera images (no effect yet)     |
+    | `camera_motion`  | `True`           | cameras move with the body (no effect yet)            |
+    | `terminate_on`   | all              | names of the infractions that end an episode          |
+    | `max_speed_mps`  | `6.0`            | cruising speed that the reward and the expert aim for |
+    | `time_limit_s`   | `None`           | seconds to truncation; None: 30 + 0.8 a route metre   |
+    | `bev`            | 192, 5.0, 152    | dict of `size`, `px_per_m`, `ego_row`; `BEVGeometry`  |
+    | `vehicle`        | 5 m x 2 m ...    | `VehicleModel` or a dict of its fields                |
+    | `rules`          | see above        | `Rules` (thresholds) or a dict of its fields          |
+    | `reward`         | see above        | `RewardWeights` or a dict of its fields               |
+
+    Raises:
+        ValueError: A value is not valid; the message names it and the valid ones.
+        TypeError: A keyword does not exist.
+
+    ## Version History
+    * v0: ground-truth BEV, no other actors.
+    """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 10}
 

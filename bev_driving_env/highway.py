@@ -19,14 +19,14 @@ from .kernels.jit import announce_compilation, drop_stale_caches
 from .kernels.layout import ACTOR_COLUMNS
 from .spaces import observation_space
 from .towns.compiled import CompiledTown, Lane, compile_network
-from .towns.route import resample
+from .towns.route import lane_offsets, resample
 from .world.config import BEV_OVERSAMPLING, bev_window
 from .world.state import WorldState
 
 Observation = dict[str, NDArray[Any]]
 
-LANE_CHANGE_M = 5.0
-"""A route is drawn on across a gap between lanes of up to this much: one lane change."""
+GAP_M = 8.0
+"""A route is drawn on across a gap this long: roundabout-v1 leaves 5.6 m before its ring."""
 
 
 class BEVObservation(gym.ObservationWrapper[Any, Any, Any]):
@@ -113,7 +113,8 @@ class BEVObservation(gym.ObservationWrapper[Any, Any, Any]):
         if chain:
             start_m, _ = ego.road.network.get_lane(chain[0].index).local_coordinates(ego.position)
             start_m = min(max(start_m, 0.0), chain[0].length_m)
-            length_m = min(sum(lane.length_m for lane in chain) - start_m, 100.0)
+            whole_m = lane_offsets(chain)[-1] + chain[-1].length_m
+            length_m = min(whole_m - start_m, 100.0)
         if length_m < 1.0:
             self._state.route_size[0] = 0
             return
@@ -129,7 +130,7 @@ class BEVObservation(gym.ObservationWrapper[Any, Any, Any]):
             lanes = [town.lanes[self._numbers[(start, end, k)]] for k in numbers]
             gaps = [_distance(lane, here, whole=not chain) for lane in lanes]
             nearest = int(np.argmin(gaps))
-            if chain and gaps[nearest] > LANE_CHANGE_M:
+            if chain and gaps[nearest] > GAP_M:
                 break
             chain.append(lanes[nearest])
             here = chain[-1].points[-1, :2]

@@ -136,7 +136,9 @@ def draw_panel(world: World, n: int) -> Image:
     selected = np.arange(len(world)) == n
     world.render(bev, selected)
     side = PANEL_PX
-    view = cv2.resize(bev_image(bev[n]), (side, side), interpolation=cv2.INTER_NEAREST)
+    view: Image = np.asarray(
+        cv2.resize(bev_image(bev[n]), (side, side), interpolation=cv2.INTER_NEAREST), np.uint8
+    )
     ego_px = world.config.bev.pixel_from_ego(
         footprint((0.0, 0.0, 0.0), world.config.vehicle.length_m, world.config.vehicle.width_m)
         * [1.0, -1.0]

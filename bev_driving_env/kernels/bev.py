@@ -33,7 +33,13 @@ FRACTION = 16
 
 @kernel
 def sample_row(
-    classes: NDArray, column: int, row: int, columns: NDArray, rows: NDArray, values: NDArray
+    classes: NDArray,
+    column: int,
+    row: int,
+    columns: NDArray,
+    rows: NDArray,
+    offsets: NDArray,
+    values: NDArray,
 ) -> None:
     """Read raster values along a line; 0 outside the raster.
 
@@ -43,6 +49,7 @@ def sample_row(
         row: Fixed-point row of the first sample.
         columns: (K,) int32 fixed-point offsets from it.
         rows: (K,) int32 likewise.
+        offsets: (K,) int32 scratch.
         values: (K,) output.
     """
     height, width = classes.shape
@@ -63,11 +70,14 @@ def sample_row(
     if inside:
         flat, stride = classes.reshape(-1), np.int32(width)
         base = base_row * width + base_column
+        # two loops: the first vectorises, the second is nothing but loads
         for u in range(count):
             r = np.int32(np.int32(part_row + rows[u]) >> shift)
             c = np.int32(np.int32(part_column + columns[u]) >> shift)
+            offsets[u] = np.int32(np.int32(r * stride) + c)
+        for u in range(count):
             # an unsigned index spares the check for negative ones
-            values[u] = flat[np.uint64(base + np.int32(np.int32(r * stride) + c))]
+            values[u] = flat[np.uint64(base + offsets[u])]
     else:
         for u in range(count):
             r = base_row + ((part_row + rows[u]) >> shift)
@@ -96,19 +106,20 @@ def sample_static(
     rows = np.empty(window.size, np.int32)
     for u in range(window.size):
         columns[u], rows[u] = u * dx, u * dy
+    offsets = np.empty(window.size, np.int32)
+    values = np.empty(window.size, np.uint8)
     ahead = window.ego_row / window.px_per_m
     left = window.ego_column / window.px_per_m
     per_m = grid.px_per_m * (1 << FRACTION)
     column = int(math.floor((x + ahead * cos + left * sin - grid.x0_m) * per_m))
     row = int(math.floor((y + ahead * sin - left * cos - grid.y0_m) * per_m))
     for v in range(window.size):
-        sample_row(classes, column - v * dy, row + v * dx, columns, rows, lane[v])
-    flat_road, flat_lane = road.reshape(-1), lane.reshape(-1)
-    for k in range(flat_lane.shape[0]):
-        value = flat_lane[k]
-        # 0 - 1 wraps to 255
-        flat_road[k] = np.uint8(0) - (value & np.uint8(ROAD_BIT))
-        flat_lane[k] = np.uint8(0) - ((value & np.uint8(LANE_BIT)) >> np.uint8(1))
+        sample_row(classes, column - v * dy, row + v * dx, columns, rows, offsets, values)
+        road_row, lane_row = road[v], lane[v]
+        for u in range(window.size):
+            # 0 - 1 wraps to 255
+            road_row[u] = np.uint8(0) - (values[u] & np.uint8(ROAD_BIT))
+            lane_row[u] = np.uint8(0) - ((values[u] & np.uint8(LANE_BIT)) >> np.uint8(1))
 
 
 @kernel

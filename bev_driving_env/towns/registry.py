@@ -48,10 +48,10 @@ def register_town(
         ValueError: The name is taken or not an identifier.
 
     >>> import bev_driving_env
-    >>> bev_driving_env.register_town("Town01", lambda: None)
+    >>> bev_driving_env.register_town("Town01", lambda: None)  # doctest: +ELLIPSIS
     Traceback (most recent call last):
         ...
-    ValueError: town 'Town01' is already registered; registered towns: Town01, Town02
+    ValueError: town 'Town01' is already registered; registered towns: Town01, Town02...
     """
     if not re.fullmatch(r"\w+", name):
         raise ValueError(f"town name must consist of letters, digits and _, got {name!r}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -50,8 +51,8 @@ class Route:
     @functools.cached_property
     def length_m(self) -> float:
         """Length along the lane centres."""
-        total = sum(self.town.lanes[lane].length_m for lane in self.lanes[:-1])
-        return float(total + self.end_m - self.start_m)
+        chain = [self.town.lanes[number] for number in self.lanes]
+        return lane_offsets(chain)[-1] + self.end_m - self.start_m
 
     @functools.cached_property
     def points(self) -> NDArray[np.float64]:
@@ -75,6 +76,15 @@ class Route:
         return " ".join(words)
 
 
+def lane_offsets(chain: Sequence[Lane]) -> list[float]:
+    """Distance from the start of the first lane to the start of each, gaps included."""
+    offsets = [0.0]
+    for lane, following in itertools.pairwise(chain):
+        gap = float(np.hypot(*(following.points[0, :2] - lane.points[-1, :2])))
+        offsets.append(offsets[-1] + lane.length_m + gap)
+    return offsets
+
+
 def resample(chain: Sequence[Lane], start_m: float, length_m: float) -> NDArray[np.float64]:
     """Evenly spaced points along consecutive lanes.
 
@@ -86,14 +96,11 @@ def resample(chain: Sequence[Lane], start_m: float, length_m: float) -> NDArray[
     Returns:
         Points (R, 4), at most 0.5 m apart: x, y and unit direction.
     """
-    stations, points = [], []
-    offset = -start_m
-    for lane in chain:
-        stations.append(lane.stations + offset)
-        points.append(lane.points)
-        offset += lane.length_m
-    along, curve = np.concatenate(stations), np.concatenate(points)
-    wanted = np.linspace(0.0, length_m, max(2, math.ceil(length_m / SPACING_M) + 1))
+    stations = [
+        lane.stations + offset for lane, offset in zip(chain, lane_offsets(chain), strict=True)
+    ]
+    along, curve = np.concatenate(stations), np.concatenate([lane.points for lane in chain])
+    wanted = np.linspace(start_m, start_m + length_m, max(2, math.ceil(length_m / SPACING_M) + 1))
     result = np.column_stack([np.interp(wanted, along, column) for column in curve.T])
     result[:, 2:] /= np.linalg.norm(result[:, 2:], axis=1, keepdims=True)
     return result

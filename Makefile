@@ -1,0 +1,58 @@
+# BEVTown. `make demo` and `make test` set up everything they need on a fresh machine.
+PYTHON ?= python3
+VENV   ?= .venv
+BIN    := $(VENV)/bin
+OUT    ?= runs/demo
+
+.PHONY: help demo test lint types unit oldest speed pictures clean
+
+help:  ## List the targets
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
+
+demo: $(VENV)/.installed  ## Drive the paper's ten episodes and 100 test routes; tables and maps
+	$(BIN)/bev-bench run --suite paper --out $(OUT)/paper --overwrite
+	$(BIN)/bev-bench run --suite routes --out $(OUT)/routes --overwrite
+	@echo "Trajectories: $(OUT)/paper/map_Town01.png and map_Town02.png"
+
+test: lint types unit  ## ruff, mypy and pytest
+
+lint: $(VENV)/.tools
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/.tools
+	$(BIN)/mypy
+
+unit: $(VENV)/.tools
+	$(BIN)/python -m pytest -q
+
+oldest: $(VENV)-oldest/.installed  ## The environment's tests with the oldest supported Gymnasium
+	$(VENV)-oldest/bin/python -m pytest -q tests/bev_driving_env tests/agents
+
+speed: $(VENV)/.installed  ## Steps per second beside highway-env, in one run
+	$(BIN)/bev-bench speed --out runs/speed.json
+
+pictures: $(VENV)/.installed  ## Draw the README's pictures again
+	$(BIN)/python docs/draw_pictures.py
+
+# --editable, so that the sources in this folder are what runs
+$(VENV)/.installed: pyproject.toml constraints.txt
+	$(PYTHON) -c 'import sys; v = sys.version_info; (3, 10) <= v < (3, 14) or sys.exit(f"BEVTown needs Python 3.10 to 3.13, this is {v[0]}.{v[1]}: make PYTHON=python3.12")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.tools: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+$(VENV)-oldest/.installed: pyproject.toml constraints.txt
+	$(PYTHON) -m venv $(VENV)-oldest
+	grep -v '^gymnasium==' constraints.txt > $(VENV)-oldest/constraints.txt
+	$(VENV)-oldest/bin/python -m pip install --quiet --disable-pip-version-check \
+		-c $(VENV)-oldest/constraints.txt 'gymnasium==1.2.0' 'pytest>=8' 'hypothesis>=6.100' -e .
+	@touch $@
+
+clean:  ## Remove virtual environments, caches and results
+	rm -rf $(VENV) $(VENV)-oldest runs build *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -1,0 +1,1 @@
+"""Closed-loop benchmarks: suites, runner, results, tables, maps and the ``bev-bench`` command."""

@@ -1,0 +1,63 @@
+"""The ``bev-bench`` command."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+from . import run_command, speed_command
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """Reports a mistake in one line and exits with 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with one line instead of the whole usage."""
+        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser with one verb per command."""
+    parser = OneLineParser(
+        prog="bev-bench", description="Closed-loop benchmarks of bird's-eye-view predictors."
+    )
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="COMMAND")
+    run_command.add_parser(verbs)
+    speed_command.add_parser(verbs)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        argv: Arguments without the program's name; those of the process if None.
+
+    Returns:
+        Exit status: 0 done, 1 an agent failed, 2 a mistake in the arguments, 130 interrupted.
+    """
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    # so that "module:factory" finds a module in the current folder, as "python -m" would
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
+    parser = build_parser()
+    options = parser.parse_args(arguments)
+    try:
+        return int(options.command(options, arguments))
+    except (ValueError, OSError) as error:
+        print(f"bev-bench {options.verb}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(
+            f"\nbev-bench {options.verb}: interrupted; finished episodes are kept, "
+            f"the same command resumes",
+            file=sys.stderr,
+        )
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,122 @@
+"""Driving one episode and saying what came of it."""
+
+from __future__ import annotations
+
+import functools
+import traceback
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from agents import Agent, make_agent
+from bev_driving_env.env import BEVTownEnv
+from bev_driving_env.info import episode_summary
+
+from .suites import Job
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """One row of a benchmark.
+
+    Attributes:
+        job: What was driven.
+        planned_m: Length of the route.
+        driven_m: Route metres driven.
+        success: Whether the route was completed.
+        truncated: Whether the time limit ended the episode.
+        infraction: Name of the first infraction, or "".
+        infraction_m: Route metres at which it began, or None.
+        infraction_pose: World x, y, heading there, or None.
+        infractions: Number of infractions.
+        steps: Control steps.
+        time_s: Simulated seconds.
+        episode_return: Sum of rewards.
+        error: Traceback, if the agent or the BEV source failed; the episode then counts as not
+            completed, with the metres driven so far.
+        trajectory: World x, y at reset and after each step, to the centimetre.
+    """
+
+    job: Job
+    planned_m: float
+    driven_m: float
+    success: bool
+    truncated: bool
+    infraction: str
+    infraction_m: float | None
+    infraction_pose: tuple[float, float, float] | None
+    infractions: int
+    steps: int
+    time_s: float
+    episode_return: float
+    error: str
+    trajectory: tuple[tuple[float, float], ...]
+
+    @property
+    def clean(self) -> bool:
+        """Whether the route was completed without an infraction."""
+        return self.success and not self.infractions
+
+    def as_dict(self) -> dict[str, Any]:
+        """JSON-ready fields."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls, row: dict[str, Any]) -> EpisodeResult:
+        """Inverse of ``as_dict``, also after a round trip through JSON."""
+        pose = row["infraction_pose"]
+        return cls(
+            **{
+                **row,
+                "job": Job(**row["job"]),
+                "infraction_pose": None if pose is None else tuple(pose),
+                "trajectory": tuple((x, y) for x, y in row["trajectory"]),
+            }
+        )
+
+
+def drive(job: Job) -> EpisodeResult:
+    """Drive one episode; a failure of the agent ends it and is reported in the result."""
+    env = _env(job.town, job.bev, job.appearance)
+    world = env.world
+    observation, _ = env.reset(seed=job.seed, options=job.options)
+    trajectory = [env.ego_pose[:2]]
+    error = ""
+    try:
+        agent: Agent = make_agent(job.agent, env)
+        agent.reset(job.seed)
+        ended = False
+        while not ended:
+            observation, _, terminated, truncated, _ = env.step(agent.act(observation))
+            trajectory.append(env.ego_pose[:2])
+            ended = terminated or truncated
+    except Exception:  # whatever a foreign agent raises belongs into its row
+        error = traceback.format_exc()
+    summary = episode_summary(world, 0)
+    events = summary["infractions"]
+    first = events[0] if events else None
+    return EpisodeResult(
+        job=job,
+        planned_m=summary["route_length_m"],
+        driven_m=summary["route_m"],
+        success=summary["success"] and not error,
+        truncated=summary["truncated"],
+        infraction=first["name"] if first else "",
+        infraction_m=first["route_m"] if first else None,
+        infraction_pose=(first["x"], first["y"], first["heading"]) if first else None,
+        infractions=len(events),
+        steps=summary["steps"],
+        time_s=summary["time_s"],
+        episode_return=summary["return"],
+        error=error,
+        trajectory=tuple((x, y) for x, y in np.round(trajectory, 2).tolist()),
+    )
+
+
+@functools.lru_cache(maxsize=4)
+def _env(town: str, bev: str, appearance: str) -> BEVTownEnv:
+    env = gym.make(f"bev_driving_env:BEV{town}-v0", bev_source=bev, appearance=appearance)
+    assert isinstance(env.unwrapped, BEVTownEnv)
+    return env.unwrapped

@@ -1,0 +1,175 @@
+"""``bev-bench run``: drive a suite and write its table, rows and maps."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from agents import make_agent
+from agents.registry import FORMS
+from bev_driving_env._version import __version__
+from bev_driving_env.env import BEVTownEnv
+from bev_driving_env.settings import BEV_SOURCES
+from bev_driving_env.towns.registry import town_names
+
+from .drive import EpisodeResult
+from .files import write_bytes, write_json, write_text
+from .maps import draw_trajectories, png_bytes
+from .provenance import git_commit, provenance
+from .results import as_csv, as_json, score, table
+from .runner import claim_folder, run_jobs
+from .suites import SUITES, jobs_of
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """Options of ``bev-bench run``.
+
+    Attributes:
+        suite: Name of the suite.
+        bev: BEV sources.
+        agent: Agents.
+        town: Towns.
+        seed: Seeds; each episode is driven once with each.
+        out: Output folder.
+        workers: Processes.
+        overwrite: Discard what the output folder holds.
+    """
+
+    suite: str
+    bev: tuple[str, ...]
+    agent: tuple[str, ...]
+    town: tuple[str, ...]
+    seed: tuple[int, ...]
+    out: Path
+    workers: int
+    overwrite: bool
+
+    def __post_init__(self) -> None:
+        for name, known in (("bev", BEV_SOURCES), ("town", town_names())):
+            for value in getattr(self, name):
+                if value not in known:
+                    raise ValueError(f"unknown {name} {value!r}; available: {', '.join(known)}")
+        if self.workers < 1:
+            raise ValueError(f"--workers must be at least 1, got {self.workers}")
+        if min(self.seed) < 0:
+            raise ValueError(f"--seed must be at least 0, got {min(self.seed)}")
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """What makes two runs the same, so that one may resume the other."""
+        return {
+            "suite": self.suite,
+            "bev": list(self.bev),
+            "agent": list(self.agent),
+            "town": list(self.town),
+            "seed": list(self.seed),
+            "version": __version__,
+            "git_commit": git_commit(),
+        }
+
+
+def add_parser(verbs: Any) -> None:
+    """Add the verb ``run``."""
+    suites = "\n".join(f"  {suite.name:12s}{suite.summary}" for suite in SUITES.values())
+    parser = verbs.add_parser(
+        "run",
+        help="drive a suite and print the paper's table",
+        description="Drive every episode of a suite and write the results: table.md, results.json, "
+        "episodes.csv, map_<town>.png. A run that was interrupted resumes.",
+        epilog=f"suites:\n{suites}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--suite", choices=tuple(SUITES), default="paper", help="default: paper")
+    parser.add_argument(
+        "--bev",
+        nargs="+",
+        default=["ground_truth"],
+        metavar="SOURCE",
+        help=f"BEV sources ({', '.join(BEV_SOURCES)}); default: ground_truth",
+    )
+    parser.add_argument(
+        "--agent", nargs="+", default=["expert"], metavar="AGENT", help=f"{FORMS}; default: expert"
+    )
+    parser.add_argument(
+        "--town", nargs="+", default=["Town01", "Town02"], metavar="TOWN", help="default: both"
+    )
+    parser.add_argument("--seed", nargs="+", type=int, default=[0], metavar="N", help="default: 0")
+    parser.add_argument("--out", type=Path, required=True, help="folder for the results")
+    parser.add_argument(
+        "--workers", type=int, default=os.cpu_count() or 1, help="processes; default: all cores"
+    )
+    parser.add_argument(
+        "--overwrite", action="store_true", help="discard what the folder already holds"
+    )
+    parser.set_defaults(command=run)
+
+
+def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
+    """Run the verb; returns 1 if an agent failed in some episode, else 0."""
+    options = RunOptions(
+        suite=namespace.suite,
+        bev=tuple(dict.fromkeys(namespace.bev)),
+        agent=tuple(dict.fromkeys(namespace.agent)),
+        town=tuple(dict.fromkeys(namespace.town)),
+        seed=tuple(dict.fromkeys(namespace.seed)),
+        out=namespace.out,
+        workers=namespace.workers,
+        overwrite=namespace.overwrite,
+    )
+    jobs = list(
+        jobs_of(SUITES[options.suite], options.town, options.bev, options.agent, options.seed)
+    )
+    # fails here, in one line, rather than in every episode; and compiles before workers start
+    env = BEVTownEnv(options.town[0])
+    for spec in options.agent:
+        make_agent(spec, env)
+    if options.overwrite:
+        _discard(options.out)
+    note = provenance(argv, options.seed)
+    claim_folder(options.out, options.identity, note)
+    results = run_jobs(jobs, options.out, options.workers)
+    _write(options, results, note)
+    return _report(options, results)
+
+
+def _discard(out: Path) -> None:
+    """Remove this command's own files from an output folder, and nothing else."""
+    if (out / "run.json").exists():
+        shutil.rmtree(out / "episodes", ignore_errors=True)
+        (out / "run.json").unlink()
+
+
+def _write(options: RunOptions, results: Sequence[EpisodeResult], note: dict[str, Any]) -> None:
+    write_json(options.out / "results.json", as_json(results, note))
+    write_text(options.out / "episodes.csv", as_csv(results, note))
+    lines = [table(score(results)), "", f"Suite `{options.suite}`. {_footnote(note)}", ""]
+    write_text(options.out / "table.md", "\n".join(lines))
+    for town in options.town:
+        image = draw_trajectories(town, results)
+        write_bytes(options.out / f"map_{town}.png", png_bytes(image, note))
+
+
+def _footnote(note: dict[str, Any]) -> str:
+    commit = note["git_commit"]
+    where = f", commit {commit[:10]}{'+' if commit.endswith('+') else ''}" if commit else ""
+    version = note["versions"]["bev-driving-env"] or __version__
+    return f"`{note['command']}`, version {version}{where}, {note['date_utc']}"
+
+
+def _report(options: RunOptions, results: Sequence[EpisodeResult]) -> int:
+    print(table(score(results)))
+    failed = [result for result in results if result.error]
+    for result in failed[:3]:
+        last_line = result.error.strip().rpartition("\n")[2]
+        print(f"{result.job.agent} failed in {result.job.key}: {last_line}", file=sys.stderr)
+    if failed:
+        print(f"{len(failed)} episodes failed; tracebacks are in results.json", file=sys.stderr)
+    print(f"\nresults in {options.out}: table.md, results.json, episodes.csv, map_*.png")
+    return 1 if failed else 0

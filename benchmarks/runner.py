@@ -1,0 +1,104 @@
+"""Running jobs on all cores, one file per finished episode, so that a run can be resumed."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from .drive import EpisodeResult, drive
+from .files import write_json
+from .suites import Job
+
+
+class OtherRunError(ValueError):
+    """The output folder holds results that do not belong to this run."""
+
+
+def run_jobs(jobs: Sequence[Job], out: Path, workers: int) -> list[EpisodeResult]:
+    """Drive all jobs that have no result yet, and return the results of all.
+
+    Args:
+        jobs: What to drive.
+        out: Output folder; finished episodes are kept in its ``episodes`` folder.
+        workers: Processes to use; with 1 the episodes are driven in this one.
+
+    Returns:
+        Results in the order of the jobs.
+    """
+    folder = out / "episodes"
+    results = {job: read_result(folder, job) for job in jobs}
+    missing = [job for job, result in results.items() if result is None]
+    kept = len(jobs) - len(missing)
+    with tqdm(total=len(jobs), initial=kept, unit="episode", desc="driving") as bar:
+        for result in _drive_all(missing, folder, workers):
+            results[result.job] = result
+            bar.update()
+    return [result for result in results.values() if result is not None]
+
+
+def _drive_all(jobs: Sequence[Job], folder: Path, workers: int) -> Iterator[EpisodeResult]:
+    if workers == 1 or len(jobs) <= 1:
+        for job in jobs:
+            yield drive_and_keep(job, folder)
+        return
+    # spawned, not forked: the parent may hold threads (progress bar, numerical libraries)
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(min(workers, len(jobs)), mp_context=context)
+    try:
+        for future in as_completed([pool.submit(drive_and_keep, job, folder) for job in jobs]):
+            yield future.result()
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def drive_and_keep(job: Job, folder: Path) -> EpisodeResult:
+    """Drive one job and write its result."""
+    result = drive(job)
+    write_json(folder / f"{job.key}.json", result.as_dict())
+    return result
+
+
+def read_result(folder: Path, job: Job) -> EpisodeResult | None:
+    """The kept result of a job, or None if it has to be driven."""
+    path = folder / f"{job.key}.json"
+    try:
+        result = EpisodeResult.from_dict(json.loads(path.read_text(encoding="utf-8")))
+    except FileNotFoundError:
+        return None
+    except (KeyError, TypeError, ValueError) as error:
+        raise OtherRunError(f"{path} is not an episode result: {error!r}") from error
+    if result.job != job:
+        raise OtherRunError(f"{path} holds the result of another job: {result.job}")
+    return result
+
+
+def claim_folder(out: Path, identity: dict[str, Any], note: dict[str, Any]) -> None:
+    """Make an output folder this run's own, or find that it already is.
+
+    Args:
+        out: The folder; created if need be.
+        identity: What must be equal for kept episodes to belong to this run.
+        note: Further description, stored beside it.
+
+    Raises:
+        OtherRunError: The folder belongs to a run with another identity.
+    """
+    path = out / "run.json"
+    if path.exists():
+        kept = json.loads(path.read_text(encoding="utf-8")).get("identity", {})
+        for key in {**identity, **kept}:
+            if kept.get(key) != identity.get(key):
+                raise OtherRunError(
+                    f"{out} holds a run with {key} {kept.get(key)!r}, this one has "
+                    f"{identity.get(key)!r}: choose another --out, or add --overwrite"
+                )
+        return
+    if (out / "episodes").exists():
+        raise OtherRunError(f"{out} holds episodes but no run.json: choose another --out")
+    write_json(path, {"identity": identity, "provenance": note})
