@@ -1,0 +1,48 @@
+"""Results to sum up, made by hand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from benchmarks.drive import EpisodeResult
+from benchmarks.suites import Job
+
+
+@pytest.fixture
+def make_result() -> Callable[..., EpisodeResult]:
+    def make(town: str = "Town01", index: int = 0, **changes: object) -> EpisodeResult:
+        job = {
+            "town": town,
+            "routes": "episode",
+            "index": index,
+            "bev": changes.pop("bev", "ground_truth"),
+            "agent": changes.pop("agent", "expert"),
+            "seed": changes.pop("seed", 0),
+            "appearance": "train",
+        }
+        row = {
+            "job": job,
+            "planned_m": 100.0,
+            "driven_m": 99.5,
+            "success": True,
+            "truncated": False,
+            "infraction": "",
+            "infraction_m": None,
+            "infraction_pose": None,
+            "infractions": 0,
+            "steps": 200,
+            "time_s": 20.0,
+            "episode_return": 190.0,
+            "error": "",
+            "trajectory": [[0.0, -2.0], [10.0, -2.0]],
+        }
+        return EpisodeResult.from_dict({**row, **changes})
+
+    return make
+
+
+@pytest.fixture
+def job() -> Job:
+    return Job("Town02", "episode", 0, "ground_truth", "expert", 7, "test")

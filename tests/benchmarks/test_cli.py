@@ -1,0 +1,107 @@
+from __future__ import annotations
+
+import csv
+import json
+
+import pytest
+from PIL import Image
+
+from benchmarks.cli import main
+
+
+def test_the_paper_suite_writes_table_rows_and_maps(tmp_path, capsys):
+    arguments = ["run", "--suite", "paper", "--out", str(tmp_path), "--workers", "1"]
+    assert main(arguments) == 0
+    printed = capsys.readouterr().out
+    assert printed.splitlines()[0] in (tmp_path / "table.md").read_text(encoding="utf-8")
+    content = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    assert len(content["episodes"]) == 10
+    towns = {entry["town"]: entry for entry in content["scores"]}
+    assert towns["Town01"]["planned_m"] == pytest.approx(598.0, rel=0.02)
+    assert towns["Town02"]["planned_m"] == pytest.approx(604.0, rel=0.02)
+    assert all(entry["infracted"] == 0 and entry["clean"] == 5 for entry in towns.values())
+    looks = {row["town"]: row["appearance"] for row in content["episodes"]}
+    assert looks == {"Town01": "train", "Town02": "test"}
+    assert content["provenance"]["command"].startswith("bev-bench run --suite paper")
+    text = (tmp_path / "episodes.csv").read_text(encoding="utf-8")
+    rows = list(csv.reader(line for line in text.splitlines() if not line.startswith("#")))
+    assert len(rows) == 11
+    for town in ("Town01", "Town02"):
+        with Image.open(tmp_path / f"map_{town}.png") as image:
+            assert json.loads(image.text["provenance"])["seeds"] == [0]
+            assert min(image.size) > 400
+
+
+def test_the_same_command_again_drives_nothing_and_another_one_is_refused(tmp_path, capsys):
+    arguments = ["run", "--town", "Town02", "--out", str(tmp_path), "--workers", "1"]
+    assert main(arguments) == 0
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "episodes").iterdir()}
+    first = capsys.readouterr().out
+    assert main(arguments) == 0
+    assert capsys.readouterr().out == first
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "episodes").iterdir()} == kept
+    assert main([*arguments, "--seed", "1"]) == 2
+    assert "--overwrite" in capsys.readouterr().err
+    assert main([*arguments, "--seed", "1", "--overwrite"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        (["run", "--suite", "nowhere", "--out", "x"], ["nowhere", "paper"]),
+        (["run", "--bev", "xray", "--out", "x"], ["xray", "ground_truth"]),
+        (["run", "--agent", "chauffeur", "--out", "x"], ["chauffeur", "expert"]),
+        (["run", "--agent", "no_such_module:f", "--out", "x"], ["no_such_module"]),
+        (["run", "--town", "Town99", "--out", "x"], ["Town99", "Town01"]),
+        (["run", "--seed", "-1", "--out", "x"], ["-1"]),
+        (["run", "--seed", "one", "--out", "x"], ["one"]),
+        (["run", "--workers", "0", "--out", "x"], ["0"]),
+        (["run"], ["--out"]),
+        (["speed", "--rounds", "0"], ["--rounds"]),
+        (["fly"], ["fly", "run", "speed"]),
+        ([], ["COMMAND"]),
+    ],
+)
+def test_a_mistake_exits_with_2_and_one_line_that_names_it(
+    arguments, names, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    try:
+        status = main(arguments)
+    except SystemExit as stop:
+        status = stop.code
+    assert status == 2
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    assert all(name in lines[0] for name in names)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_failing_agent_is_reported_and_exits_with_1(tmp_path, monkeypatch, capsys):
+    (tmp_path / "toy_failing_driver.py").write_text(
+        "class Driver:\n"
+        "    def __init__(self, env): pass\n"
+        "    def reset(self, seed): pass\n"
+        "    def act(self, observation): raise RuntimeError('lost the keys')\n",
+        encoding="utf-8",
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    out = tmp_path / "out"
+    arguments = ["run", "--agent", "toy_failing_driver:Driver", "--town", "Town02"]
+    assert main([*arguments, "--out", str(out), "--workers", "1"]) == 1
+    printed = capsys.readouterr()
+    assert "0/5" in printed.out
+    assert "lost the keys" in printed.err
+    content = json.loads((out / "results.json").read_text(encoding="utf-8"))
+    assert all("lost the keys" in row["error"] for row in content["episodes"])
+    assert content["scores"][0]["clean"] == 0
+
+
+@pytest.mark.parametrize("verb", ["run", "speed"])
+def test_help_explains_every_option(verb, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main([verb, "--help"])
+    assert stop.value.code == 0
+    text = capsys.readouterr().out
+    assert "default" in text
+    assert len(text.splitlines()) > 10

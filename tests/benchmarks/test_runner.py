@@ -1,0 +1,85 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from benchmarks import runner
+from benchmarks.runner import OtherRunError, claim_folder, read_result, run_jobs
+from benchmarks.suites import Job
+
+JOBS = [Job("Town02", "episode", index, "ground_truth", "expert", 0, "test") for index in range(3)]
+
+
+def test_workers_and_one_process_give_the_same_results(tmp_path):
+    alone = run_jobs(JOBS, tmp_path / "alone", workers=1)
+    together = run_jobs(JOBS, tmp_path / "together", workers=2)
+    assert together == alone
+    assert [result.job for result in together] == JOBS
+
+
+def test_finished_episodes_are_kept_and_not_driven_again(tmp_path, monkeypatch):
+    first = run_jobs(JOBS[:2], tmp_path, workers=1)
+    driven = []
+    real = runner.drive
+    monkeypatch.setattr(runner, "drive", lambda job: driven.append(job) or real(job))
+    assert run_jobs(JOBS, tmp_path, workers=1)[:2] == first
+    assert driven == JOBS[2:]
+
+
+def test_an_interrupted_run_keeps_what_it_finished(tmp_path, monkeypatch):
+    real = runner.drive
+
+    def interrupt(job: Job):
+        if job.index == 1:
+            raise KeyboardInterrupt
+        return real(job)
+
+    monkeypatch.setattr(runner, "drive", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        run_jobs(JOBS, tmp_path, workers=1)
+    assert read_result(tmp_path / "episodes", JOBS[0]) is not None
+    assert read_result(tmp_path / "episodes", JOBS[1]) is None
+    assert not list((tmp_path / "episodes").glob("*.tmp"))
+
+
+def test_a_broken_result_file_is_named(tmp_path):
+    (tmp_path / f"{JOBS[0].key}.json").write_text('{"job": ', encoding="utf-8")
+    with pytest.raises(OtherRunError, match=JOBS[0].key):
+        read_result(tmp_path, JOBS[0])
+
+
+def test_a_result_of_another_job_under_the_same_name_is_refused(tmp_path):
+    (result,) = run_jobs(JOBS[:1], tmp_path, workers=1)
+    path = tmp_path / "episodes" / f"{JOBS[0].key}.json"
+    row = json.loads(path.read_text(encoding="utf-8"))
+    row["job"]["agent"] = "another"
+    path.write_text(json.dumps(row), encoding="utf-8")
+    with pytest.raises(OtherRunError, match="another job"):
+        read_result(tmp_path / "episodes", result.job)
+
+
+def test_a_folder_of_the_same_run_is_resumed_and_one_of_another_refused(tmp_path):
+    claim_folder(tmp_path, {"suite": "paper", "seed": [0]}, {})
+    claim_folder(tmp_path, {"suite": "paper", "seed": [0]}, {})
+    with pytest.raises(OtherRunError, match=r"suite 'paper', this one has 'routes'"):
+        claim_folder(tmp_path, {"suite": "routes", "seed": [0]}, {})
+
+
+def test_episodes_of_unknown_origin_are_refused(tmp_path):
+    (tmp_path / "episodes").mkdir()
+    with pytest.raises(OtherRunError, match=r"no run\.json"):
+        claim_folder(tmp_path, {"suite": "paper"}, {})
+
+
+def test_jobs_that_differ_have_different_file_names():
+    jobs = [
+        Job(town, routes, index, bev, agent, seed, "train")
+        for town in ("Town01", "Town02")
+        for routes in ("val", "test")
+        for index in (0, 1, 10)
+        for bev in ("a", "b")
+        for agent in ("expert", "m:f")
+        for seed in (0, 1)
+    ]
+    assert len({job.key for job in jobs}) == len(jobs)

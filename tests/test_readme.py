@@ -1,0 +1,57 @@
+"""The README's Python blocks and ``bev-bench`` lines run as written."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+BASH = "\n".join(re.findall(r"```bash\n(.*?)```", README, flags=re.DOTALL))
+COMMANDS = re.findall(r"^(bev-bench run .*)$", BASH, flags=re.MULTILINE)
+TARGETS = re.findall(r"`?make ([a-z]+)", README)
+
+
+def run(arguments: list[str], folder: Path) -> str:
+    done = subprocess.run(arguments, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@pytest.mark.parametrize("number", range(len(BLOCKS)))
+def test_python_block_runs_as_written(number, tmp_path):
+    run([sys.executable, "-c", BLOCKS[number]], tmp_path)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_benchmark_line_runs_as_written(command, tmp_path):
+    driver = next(block for block in BLOCKS if block.startswith("# my_driver.py"))
+    (tmp_path / "my_driver.py").write_text(driver, encoding="utf-8")
+    program, *arguments = shlex.split(command)
+    assert program == "bev-bench"
+    printed = run([sys.executable, "-m", "benchmarks.cli", *arguments], tmp_path)
+    assert "Town02 route (m)" in printed
+    out = Path(arguments[arguments.index("--out") + 1])
+    assert (tmp_path / out / "map_Town01.png").exists()
+
+
+def test_there_is_something_to_run():
+    assert len(BLOCKS) >= 6
+    assert len(COMMANDS) >= 3
+
+
+@pytest.mark.parametrize("target", sorted(set(TARGETS)))
+def test_every_make_target_of_the_readme_exists(target):
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert re.search(rf"^{target}:", makefile, flags=re.MULTILINE)
+
+
+@pytest.mark.parametrize("picture", re.findall(r"\]\((docs/pictures/[^)]*)\)", README))
+def test_every_picture_of_the_readme_exists_and_is_small(picture):
+    assert 1_000 < (ROOT / picture).stat().st_size < 60_000
