@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -43,6 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     # so that "module:factory" finds a module in the current folder, as "python -m" would
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
+    # a polite kill takes the same way out as Ctrl-C
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     parser = build_parser()
     options = parser.parse_args(arguments)
     try:

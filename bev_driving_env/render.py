@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -57,28 +58,9 @@ class TownMap:
     """
 
     def __init__(self, town: CompiledTown, px_per_m: float = 2.0, margin_m: float = 14.0) -> None:
-        x0, y0, x1, y1 = town.bounds
         self.px_per_m = px_per_m
-        self.origin = np.array([x0 - margin_m, y0 - margin_m])
-        raster = town.classes()
-        scale = raster.grid.px_per_m
-        left, top = ((self.origin - raster.grid[:2]) * scale).round().astype(int)
-        width = round((x1 - x0 + 2.0 * margin_m) * scale)
-        height = round((y1 - y0 + 2.0 * margin_m) * scale)
-        bits = raster.pixels[top : top + height, left : left + width]
-        image = np.empty((*bits.shape, 3), np.uint8)
-        image[:] = GROUND
-        for bit, colour in (
-            (SIDEWALK_BIT, SIDEWALK),
-            (ROAD_BIT, ROAD),
-            (JUNCTION_BIT, JUNCTION),
-            (LANE_BIT, LINE),
-        ):
-            image[bits & bit != 0] = colour
-        size = (round(width * px_per_m / scale), round(height * px_per_m / scale))
-        self.image: Image = np.asarray(
-            cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8
-        )
+        self.origin = np.array(town.bounds[:2]) - margin_m
+        self.image: Image = _empty_map(town, px_per_m, margin_m).copy()
 
     def _pixels(self, points: NDArray[np.float64]) -> NDArray[np.int32]:
         """World points (..., 2) as fixed-point pixels with 4 fractional bits."""
@@ -117,6 +99,30 @@ class TownMap:
         """Write a short text beside a world point, on a light box so that it stays legible."""
         x, y = (self._pixels(np.array(point, dtype=np.float64)) // 16).tolist()
         write(self.image, text, (x + offset_px[0], y + offset_px[1]))
+
+
+@functools.lru_cache(maxsize=8)
+def _empty_map(town: CompiledTown, px_per_m: float, margin_m: float) -> Image:
+    """A town without anything drawn on it."""
+    x0, y0, x1, y1 = town.bounds
+    raster = town.classes()
+    scale = raster.grid.px_per_m
+    left = round((x0 - margin_m - raster.grid.x0_m) * scale)
+    top = round((y0 - margin_m - raster.grid.y0_m) * scale)
+    width = round((x1 - x0 + 2.0 * margin_m) * scale)
+    height = round((y1 - y0 + 2.0 * margin_m) * scale)
+    bits = raster.pixels[top : top + height, left : left + width]
+    image = np.empty((*bits.shape, 3), np.uint8)
+    image[:] = GROUND
+    for bit, colour in (
+        (SIDEWALK_BIT, SIDEWALK),
+        (ROAD_BIT, ROAD),
+        (JUNCTION_BIT, JUNCTION),
+        (LANE_BIT, LINE),
+    ):
+        image[bits & bit != 0] = colour
+    size = (round(width * px_per_m / scale), round(height * px_per_m / scale))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 
 
 def write(image: Image, text: str, origin: tuple[int, int], scale: float = 0.45) -> None:

@@ -173,31 +173,32 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         truncated = world.truncated() & ~terminated
         rewards = world.rewards.copy()
         ended = terminated | truncated
-        infos = self._infos(running, np.ones(self.num_envs, np.bool_))
-        if ended.any():
-            infos = self._finish(ended, infos)
-        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
+        finals = self._finish(ended) if ended.any() else {}
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
+            running &= ~ended
+        else:
             self._ended = ended
+        infos = {**self._infos(running, np.ones(self.num_envs, np.bool_)), **finals}
         return self._observe(), rewards, terminated, truncated, infos
 
-    def _finish(self, ended: Mask, infos: dict[str, Any]) -> dict[str, Any]:
+    def _finish(self, ended: Mask) -> dict[str, Any]:
         """Report ended episodes; in SAME_STEP mode also start the next ones."""
         world = self.world
         indices = [int(i) for i in np.flatnonzero(ended)]
+        finals: dict[str, Any] = {}
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
             for i in indices:
-                infos = self._add_info(infos, {"episode_summary": episode_summary(world, i)}, i)
-            return infos
+                finals = self._add_info(finals, {"episode_summary": episode_summary(world, i)}, i)
+            return finals
         last = self._observe(ended)
         for i in indices:
-            final = step_info(world, i)
-            final["reward_terms"] = reward_terms(world, i)
-            final["episode_summary"] = episode_summary(world, i)
-            final_obs = {key: array[i].copy() for key, array in last.items()}
-            infos = self._add_info(infos, {"final_obs": final_obs, "final_info": final}, i)
+            info = step_info(world, i)
+            info["reward_terms"] = reward_terms(world, i)
+            info["episode_summary"] = episode_summary(world, i)
+            observation = {key: array[i].copy() for key, array in last.items()}
+            finals = self._add_info(finals, {"final_obs": observation, "final_info": info}, i)
             self._start(i)
-        fresh = self._infos(~ended, np.ones(self.num_envs, np.bool_))
-        return {**infos, **fresh}
+        return finals
 
     def _observe(self, selected: Mask | None = None) -> BatchedObservation:
         state = self.world.state

@@ -69,9 +69,9 @@ class Lane:
         return float(x), float(y), math.atan2(dy, dx)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class CompiledTown:
-    """Everything the world needs to know of a town.
+    """Everything the world needs to know of a town; equal only to itself.
 
     Attributes:
         name: Name it is registered under.

@@ -1,6 +1,10 @@
 from __future__ import annotations
 
 import json
+import signal
+import subprocess
+import sys
+import time
 
 import pytest
 
@@ -83,3 +87,40 @@ def test_jobs_that_differ_have_different_file_names():
         for seed in (0, 1)
     ]
     assert len({job.key for job in jobs}) == len(jobs)
+
+
+SLOW_DRIVER = """
+import time
+from agents import Expert
+
+class Slow(Expert):
+    def reset(self, seed):
+        time.sleep(0.4)
+        super().reset(seed)
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+def test_a_killed_run_starts_again_where_it_was_and_leaves_no_workers(how, tmp_path):
+    (tmp_path / "toy_slow_driver.py").write_text(SLOW_DRIVER, encoding="utf-8")
+    command = [sys.executable, "-m", "benchmarks.cli", "run", "--town", "Town02", "--workers", "2"]
+    command += ["--agent", "toy_slow_driver:Slow", "--out", "out"]
+    episodes = tmp_path / "out" / "episodes"
+    process = subprocess.Popen(
+        command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+    )
+    deadline = time.monotonic() + 60.0
+    while len(list(episodes.glob("*.json"))) < 2 and time.monotonic() < deadline:
+        time.sleep(0.02)
+    process.send_signal(how)
+    # ends only when every process that holds the pipe has ended
+    _, stderr = process.communicate(timeout=30)
+    kept = {path.name: path.read_text(encoding="utf-8") for path in episodes.glob("*.json")}
+    assert 2 <= len(kept) < 5
+    if how != signal.SIGKILL:
+        assert process.returncode == 130
+        assert "resumes" in stderr
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert "5/5" in done.stdout
+    for name, content in kept.items():
+        assert (episodes / name).read_text(encoding="utf-8") == content
