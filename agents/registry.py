@@ -33,8 +33,10 @@ def make_agent(spec: str, env: gym.Env[Any, Any]) -> Agent:
         raise ValueError(f"unknown agent {spec!r}; an agent is {FORMS}")
     try:
         factory = getattr(importlib.import_module(module_name), factory_name)
-    except (ImportError, AttributeError) as error:
+    except (ImportError, AttributeError, TypeError) as error:
         raise ValueError(f"agent {spec!r} cannot be loaded: {error}") from error
+    if not callable(factory):
+        raise ValueError(f"agent {spec!r} is not callable, got {factory!r}; an agent is {FORMS}")
     agent = factory(env)
     if not isinstance(agent, Agent):
         raise ValueError(

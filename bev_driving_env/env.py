@@ -43,7 +43,7 @@ class BEVTownEnv(gym.Env[Any, Any]):
     | Key            | Space                               | Meaning                               |
     |----------------|-------------------------------------|---------------------------------------|
     | `bev`          | `Box(0, 255, (6, 192, 192), uint8)` | bird's-eye view, 0 or 255 per pixel   |
-    | `measurements` | `Box((3,), float32)`                | speed in m/s, the last two commands   |
+    | `measurements` | `Box((3,), float32)`                | speed in m/s and the last action      |
 
     The BEV has 5 px/m and row 0 farthest ahead; the ego's centre is at row 152, column 96, heading
     up: 30.4 m are visible ahead, 8 m behind, 19.2 m to each side.
@@ -97,7 +97,8 @@ class BEVTownEnv(gym.Env[Any, Any]):
     ## Info
     Every reset and step: `route_m` (route metres driven), `route_length_m`, `infractions` (names of
     those that began in this step), `success`, `lateral_error_m` (positive to the right),
-    `episode_id`; every step also `reward_terms`; at the end also `episode_summary`.
+    `episode_id`; every step also `reward_terms`; at the end also `episode_summary` (but not where
+    `gym.make(..., max_episode_steps=n)` cuts an episode from outside).
 
     ## Arguments
     ```python
@@ -224,7 +225,13 @@ class BEVTownEnv(gym.Env[Any, Any]):
         return route
 
     def snapshot(self) -> WorldSnapshot:
-        """Copy the state of the world, random generator included."""
+        """Copy the state of the world, random generator included.
+
+        Raises:
+            gymnasium.error.ResetNeeded: ``reset`` was never called.
+        """
+        if not self._placed:
+            raise gym.error.ResetNeeded("call reset() before snapshot()")
         return self.world.snapshot()
 
     def restore(self, snapshot: WorldSnapshot) -> Observation:
@@ -234,6 +241,8 @@ class BEVTownEnv(gym.Env[Any, Any]):
             ValueError: The snapshot is of another town or number of worlds.
         """
         self.world.restore(snapshot)
+        self._np_random = self.world.rngs[0]
+        self._placed = True
         return self._observe()
 
     def render(self) -> NDArray[np.uint8] | None:

@@ -36,6 +36,8 @@ def choose_route(
     Raises:
         ValueError: The options have an unknown key or form, or ask for a route that is not there.
     """
+    if options is not None and not isinstance(options, Mapping):
+        raise ValueError(f"reset options must be a dict, got {options!r}; use {FORMS}")
     keys = frozenset(options or ())
     if not keys:
         route = random_route(town, rng, RANDOM_SHORTEST_M, RANDOM_LONGEST_M)
@@ -60,9 +62,13 @@ def _fixed(town: CompiledTown, suite: str, index: Any) -> tuple[Route, str]:
 
 def _place(town: CompiledTown, options: Mapping[str, Any], key: str) -> tuple[int, float]:
     """Snap a point given in the options to the nearest lane."""
-    point = np.asarray(options[key], dtype=np.float64)
+    expected = f"{key} must be (x, y) or (x, y, heading) in metres, got {options[key]!r}"
+    try:
+        point = np.asarray(options[key], dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(expected) from error
     if point.shape not in ((2,), (3,)) or not np.isfinite(point).all():
-        raise ValueError(f"{key} must be (x, y) or (x, y, heading) in metres, got {options[key]!r}")
+        raise ValueError(expected)
     x, y = float(point[0]), float(point[1])
     lane, station = locate(town, x, y, float(point[2]) if len(point) == 3 else None)
     lane_x, lane_y, _ = town.lanes[lane].pose_at(station)

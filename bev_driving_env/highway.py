@@ -59,7 +59,9 @@ class BEVObservation(gym.ObservationWrapper[Any, Any, Any]):
                 f"got {type(env.unwrapped).__name__}"
             )
         self.geometry = bev or BEVGeometry()
-        self.observation_space = observation_space(self.geometry, Vehicle.MAX_SPEED)
+        self.observation_space = observation_space(
+            self.geometry, Vehicle.MAX_SPEED, Vehicle.MIN_SPEED
+        )
         self._window = bev_window(self.geometry)
         self._state = WorldState.empty(1)
         self._compiled: tuple[RoadNetwork, CompiledTown] | None = None
@@ -111,8 +113,7 @@ class BEVObservation(gym.ObservationWrapper[Any, Any, Any]):
         chain = self._route_lanes(town, ego)
         length_m = 0.0
         if chain:
-            start_m, _ = ego.road.network.get_lane(chain[0].index).local_coordinates(ego.position)
-            start_m = min(max(start_m, 0.0), chain[0].length_m)
+            start_m, _ = chain[0].nearest(*ego.position)
             whole_m = lane_offsets(chain)[-1] + chain[-1].length_m
             length_m = min(whole_m - start_m, 100.0)
         if length_m < 1.0:
@@ -128,21 +129,17 @@ class BEVObservation(gym.ObservationWrapper[Any, Any, Any]):
             count = len(ego.road.network.graph[start][end])
             numbers = range(count) if number is None else [number]
             lanes = [town.lanes[self._numbers[(start, end, k)]] for k in numbers]
-            gaps = [_distance(lane, here, whole=not chain) for lane in lanes]
+            # the first lane is the one the ego is on, the next ones start where the last ended
+            gaps = [
+                float(np.hypot(*(lane.points[0, :2] - here))) if chain else lane.nearest(*here)[1]
+                for lane in lanes
+            ]
             nearest = int(np.argmin(gaps))
             if chain and gaps[nearest] > GAP_M:
                 break
             chain.append(lanes[nearest])
             here = chain[-1].points[-1, :2]
         return chain
-
-
-def _distance(lane: Lane, point: NDArray[np.float64], *, whole: bool) -> float:
-    """Distance from a point to the lane's start, or to the nearest of its samples."""
-    samples = lane.points[:, :2] if whole else lane.points[:1, :2]
-    if whole and len(samples) == 2:
-        samples = np.linspace(samples[0], samples[1], 64)
-    return float(np.linalg.norm(samples - point, axis=1).min())
 
 
 def _same_lanes(lanes: Sequence[Lane], others: Sequence[Lane]) -> bool:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from .frames import CHANNELS, footprint
 from .kernels.layout import JUNCTION_BIT, LANE_BIT, ROAD_BIT, ROUTE_DONE, SIDEWALK_BIT, SPEED
 from .towns.compiled import CompiledTown
+from .towns.raster import MARGIN_M
 
 if TYPE_CHECKING:
     from .world.core import World
@@ -107,11 +108,13 @@ def _empty_map(town: CompiledTown, px_per_m: float, margin_m: float) -> Image:
     x0, y0, x1, y1 = town.bounds
     raster = town.classes()
     scale = raster.grid.px_per_m
-    left = round((x0 - margin_m - raster.grid.x0_m) * scale)
-    top = round((y0 - margin_m - raster.grid.y0_m) * scale)
-    width = round((x1 - x0 + 2.0 * margin_m) * scale)
-    height = round((y1 - y0 + 2.0 * margin_m) * scale)
+    inner_m = min(margin_m, MARGIN_M - 1.0)
+    left = round((x0 - inner_m - raster.grid.x0_m) * scale)
+    top = round((y0 - inner_m - raster.grid.y0_m) * scale)
+    width = round((x1 - x0 + 2.0 * inner_m) * scale)
+    height = round((y1 - y0 + 2.0 * inner_m) * scale)
     bits = raster.pixels[top : top + height, left : left + width]
+    bits = np.pad(bits, round((margin_m - inner_m) * scale))
     image = np.empty((*bits.shape, 3), np.uint8)
     image[:] = GROUND
     for bit, colour in (
@@ -121,6 +124,7 @@ def _empty_map(town: CompiledTown, px_per_m: float, margin_m: float) -> Image:
         (LANE_BIT, LINE),
     ):
         image[bits & bit != 0] = colour
+    height, width = bits.shape
     size = (round(width * px_per_m / scale), round(height * px_per_m / scale))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
 

@@ -8,7 +8,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from .frames import CHANNELS, BEVGeometry
-from .world.config import RewardWeights, Rules, VehicleModel, WorldConfig
+from .world.config import RewardWeights, Rules, VehicleModel, WorldConfig, require_positive
 from .world.infractions import INFRACTIONS
 
 BEV_SOURCES = ("ground_truth",)
@@ -65,8 +65,9 @@ class EnvSettings:
             if keyword not in names:
                 close = get_close_matches(keyword, names, 1)
                 hint = f"; did you mean {close[0]!r}?" if close else ""
+                # worded as Python words it: TorchRL looks for this text
                 raise TypeError(
-                    f"unknown environment keyword {keyword!r}{hint} "
+                    f"got an unexpected keyword argument {keyword!r}{hint} "
                     f"(keywords: town, render_mode, {', '.join(names)})"
                 )
         return cls(**keywords)
@@ -84,13 +85,23 @@ class EnvSettings:
                     f"{name}={getattr(self, name)!r} is not available in this version; "
                     f"leave it at False"
                 )
+        self._check_cameras()
+        require_positive("max_speed_mps", self.max_speed_mps)
+        names = self.terminate_on
+        if isinstance(names, str) or not (names is None or isinstance(names, Collection)):
+            raise ValueError(
+                f"terminate_on must be a collection of infractions, got {names!r}; "
+                f"name them as in ('off_road', 'blocked'), of: {', '.join(INFRACTIONS)}"
+            )
+
+    def _check_cameras(self) -> None:
         seed = isinstance(self.appearance, int) and not isinstance(self.appearance, bool)
         if self.appearance not in APPEARANCES and not seed:
             raise ValueError(
                 f"appearance must be an int seed or one of {', '.join(APPEARANCES)}, "
                 f"got {self.appearance!r}"
             )
-        size = tuple(self.camera_size)
+        size = tuple(self.camera_size) if isinstance(self.camera_size, Collection) else ()
         if len(size) != 2 or not all(isinstance(side, int) and side >= 16 for side in size):
             raise ValueError(
                 f"camera_size must be (height, width) of at least 16 px, got {self.camera_size!r}"
@@ -100,32 +111,27 @@ class EnvSettings:
 
     def _check_bev_source(self) -> None:
         source = self.bev_source
-        chosen = source
-        if isinstance(source, Mapping):
-            for channel in source:
-                if channel not in (*CHANNELS, "default"):
-                    raise ValueError(
-                        f"unknown channel {channel!r} in bev_source; "
-                        f"channels: {', '.join(CHANNELS)}, or 'default'"
-                    )
-            missing = [name for name in CHANNELS if name not in source]
-            if missing and "default" not in source:
+        if not isinstance(source, Mapping):
+            source = {"default": source}
+        for channel in source:
+            if channel not in (*CHANNELS, "default"):
                 raise ValueError(
-                    f"bev_source names no source for channel {missing[0]!r}; add it or a 'default'"
+                    f"unknown channel {channel!r} in bev_source; "
+                    f"channels: {', '.join(CHANNELS)}, or 'default'"
                 )
-            chosen = next((name for name in source.values() if name not in BEV_SOURCES), "")
-        if chosen and chosen not in BEV_SOURCES:
+        missing = [name for name in CHANNELS if name not in source]
+        if missing and "default" not in source:
             raise ValueError(
-                f"unknown bev_source {chosen!r}; available sources: {', '.join(BEV_SOURCES)}"
+                f"bev_source names no source for channel {missing[0]!r}; add it or a 'default'"
             )
+        for name in source.values():
+            if name not in BEV_SOURCES:
+                raise ValueError(
+                    f"unknown bev_source {name!r}; available sources: {', '.join(BEV_SOURCES)}"
+                )
 
     def world_config(self) -> WorldConfig:
         """The configuration of the world core that these settings ask for."""
-        if isinstance(self.terminate_on, str):
-            raise ValueError(
-                f"terminate_on must be a collection of infractions, got {self.terminate_on!r}; "
-                f"write ({self.terminate_on!r},)"
-            )
         return WorldConfig(
             cruise_speed_mps=self.max_speed_mps,
             terminate_on=tuple(INFRACTIONS if self.terminate_on is None else self.terminate_on),

@@ -18,14 +18,17 @@ def action_space() -> gym.spaces.Box:
     return gym.spaces.Box(-1.0, 1.0, (2,), np.float32)
 
 
-def observation_space(bev: BEVGeometry, max_speed_mps: float) -> gym.spaces.Dict:
+def observation_space(
+    bev: BEVGeometry, max_speed_mps: float, min_speed_mps: float = 0.0
+) -> gym.spaces.Dict:
     """``bev`` (6, size, size) uint8 in 0..255 and ``measurements`` (3,) float32."""
-    fastest = np.float32(2.0 * max_speed_mps)
+    # the speed limit is approached from above too, so leave room
+    fastest, slowest = 2.0 * max_speed_mps, 2.0 * min_speed_mps
     return gym.spaces.Dict(
         {
             "bev": gym.spaces.Box(0, 255, (len(CHANNELS), bev.size, bev.size), np.uint8),
             "measurements": gym.spaces.Box(
-                np.array([-fastest, -1.0, -1.0], np.float32),
+                np.array([slowest, -1.0, -1.0], np.float32),
                 np.array([fastest, 1.0, 1.0], np.float32),
                 dtype=np.float32,
             ),
@@ -34,17 +37,21 @@ def observation_space(bev: BEVGeometry, max_speed_mps: float) -> gym.spaces.Dict
 
 
 def checked_actions(actions: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Bring actions to float64 in [-1, 1]; values beyond are clipped.
+    """Bring actions to [-1, 1], clipping what lies beyond, in the precision of the action space.
 
     Args:
         actions: Array-like of the expected shape.
         shape: ``(2,)`` or ``(num_envs, 2)``.
 
+    Returns:
+        float64 array of that shape.
+
     Raises:
         ValueError: Wrong shape, not numbers, or not finite; the message shows what came.
     """
     try:
-        array = np.array(actions, dtype=np.float64)
+        # through float32, so that a list and an array of the space drive alike to the last bit
+        array = np.array(actions, dtype=np.float32).astype(np.float64)
     except (TypeError, ValueError) as error:
         raise ValueError(
             f"action must be numbers of shape {shape} in [-1, 1], got {actions!r}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from numbers import Integral
 from typing import Any
 
 import gymnasium as gym
@@ -25,7 +26,7 @@ BatchedObservation = dict[str, NDArray[Any]]
 Mask = NDArray[np.bool_]
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class VectorSnapshot:
     """State of all worlds and which of them wait for their automatic reset."""
 
@@ -71,15 +72,14 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         render_mode: str | None = None,
         **keywords: Any,
     ) -> None:
-        if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
-            raise ValueError(f"num_envs must be an int of at least 1, got {num_envs!r}")
+        _require_count("num_envs", num_envs)
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
-        if max_episode_steps is not None and max_episode_steps < 1:
-            raise ValueError(f"max_episode_steps must be at least 1, got {max_episode_steps!r}")
-        self.num_envs = num_envs
+        if max_episode_steps is not None:
+            _require_count("max_episode_steps", max_episode_steps)
+        self.num_envs = int(num_envs)
         self.render_mode = render_mode
-        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.settings = EnvSettings.from_keywords(keywords)
         config = self.settings.world_config()
@@ -243,13 +243,20 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         return self._observe()["bev"]
 
     def snapshot(self) -> VectorSnapshot:
-        """Copy the state of all worlds, random generators included."""
+        """Copy the state of all worlds, random generators included.
+
+        Raises:
+            gymnasium.error.ResetNeeded: A world was never reset.
+        """
+        if not self._placed.all():
+            raise gym.error.ResetNeeded("call reset() before snapshot()")
         return VectorSnapshot(self.world.snapshot(), self._ended.copy())
 
     def restore(self, snapshot: VectorSnapshot) -> BatchedObservation:
         """Go back to a snapshot and return the observations there."""
         self.world.restore(snapshot.world)
         self._ended = snapshot.ended.copy()
+        self._placed[:] = True
         return self._observe()
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
@@ -260,3 +267,16 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         from .render import draw_panel
 
         return tuple(draw_panel(self.world, i) for i in range(self.num_envs))
+
+
+def _require_count(name: str, value: object) -> None:
+    if type(value) is bool or not isinstance(value, Integral) or value < 1:
+        raise ValueError(f"{name} must be an int of at least 1, got {value!r}")
+
+
+def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:
+    try:
+        return AutoresetMode(mode)
+    except ValueError:
+        modes = ", ".join(repr(known.value) for known in AutoresetMode)
+        raise ValueError(f"autoreset_mode must be one of {modes}, got {mode!r}") from None

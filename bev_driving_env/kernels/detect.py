@@ -19,7 +19,7 @@ from .layout import (
 )
 
 FOOTPRINT_ROWS = 10
-FOOTPRINT_COLUMNS = 4
+FOOTPRINT_COLUMNS = 10
 AGAINST_COS = -0.5
 """A lane is opposing when it points more than 120 degrees away from the ego's heading."""
 

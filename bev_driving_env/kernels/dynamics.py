@@ -37,4 +37,7 @@ def advance(
     ego[X] += ego[SPEED] * math.cos(course) * dt_s
     ego[Y] += ego[SPEED] * math.sin(course) * dt_s
     ego[HEADING] += ego[SPEED] * math.sin(slip) / half_length_m * dt_s
-    ego[SPEED] += acceleration_mps2 * dt_s
+    if acceleration_mps2 == -ego[SPEED] / dt_s:
+        ego[SPEED] = 0.0  # the sum below would leave a rest of 1e-17, of either sign
+    else:
+        ego[SPEED] += acceleration_mps2 * dt_s

@@ -41,6 +41,7 @@ def current_infractions(
 ) -> int:
     """Advance one world's timers by a physics step and return the infractions that hold now."""
     holding = 0
+    rounding_s = 0.5 * physics.dt_s  # timers add up many small steps
     if is_off_road(classes, classes_grid, ego, physics.half_length_m, physics.half_width_m):
         holding |= OFF_ROAD
     if is_deviating(progress[DISTANCE], physics.deviation_m):
@@ -49,13 +50,13 @@ def current_infractions(
         timers[WRONG_LANE_S] += physics.dt_s
     else:
         timers[WRONG_LANE_S] = 0.0
-    if timers[WRONG_LANE_S] > physics.wrong_lane_after_s:
+    if timers[WRONG_LANE_S] > physics.wrong_lane_after_s + rounding_s:
         holding |= WRONG_LANE
     if is_standing(ego, physics.blocked_speed_mps):
         timers[STOPPED_S] += physics.dt_s
     else:
         timers[STOPPED_S] = 0.0
-    if timers[STOPPED_S] > physics.blocked_after_s:
+    if timers[STOPPED_S] > physics.blocked_after_s + rounding_s:
         holding |= BLOCKED
     return holding
 

@@ -54,7 +54,10 @@ class _Builder:
             self._add_road(start, arm, end, other_arm)
             self._add_road(end, other_arm, start, arm)
         for name, radius in self.corners.items():
-            first, second = sorted({a for n, a in self._ends() if n == name})
+            arms = sorted({a for n, a in self._ends() if n == name})
+            if len(arms) != 2:
+                raise ValueError(f"corner {name} must join two roads, got arms {', '.join(arms)}")
+            first, second = arms
             for arm_in, arm_out in ((first, second), (second, first)):
                 self._add_movement(name, arm_in, arm_out, radius, ROAD_LINES)
         for name, junction in self.junctions.items():
@@ -105,6 +108,10 @@ class _Builder:
         self.network.add_lane(f"{start}.{arm}.out", f"{end}.{other_arm}.in", lane)
 
     def _add_junction(self, name: str, junction: Junction) -> None:
+        roads = {arm for node, arm in self._ends() if node == name}
+        for letter in junction.arms:
+            if letter not in roads:
+                raise ValueError(f"junction {name} has an arm {letter} but no road leads there")
         for arm_in in junction.arms:
             for arm_out in junction.arms:
                 if arm_in != arm_out:

@@ -5,9 +5,10 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from highway_env.road.lane import AbstractLane, LineType, StraightLane
+from highway_env.road.lane import AbstractLane, CircularLane, LineType, StraightLane
 from highway_env.road.road import LaneIndex, RoadNetwork
 from numpy.typing import NDArray
 
@@ -68,6 +69,16 @@ class Lane:
         x, y, dx, dy = (np.interp(station_m, self.stations, column) for column in self.points.T)
         return float(x), float(y), math.atan2(dy, dx)
 
+    def nearest(self, x: float, y: float) -> tuple[float, float]:
+        """Station of the point of the lane centre nearest to a world point, and its distance."""
+        starts, spans = self.points[:-1, :2], np.diff(self.points[:, :2], axis=0)
+        along = ((np.array([x, y]) - starts) * spans).sum(axis=1) / (spans**2).sum(axis=1)
+        along = np.clip(along, 0.0, 1.0)
+        distances = np.linalg.norm(starts + along[:, None] * spans - (x, y), axis=1)
+        i = int(distances.argmin())
+        station = self.stations[i] + along[i] * (self.stations[i + 1] - self.stations[i])
+        return float(station), float(distances[i])
+
 
 @dataclass(frozen=True, eq=False)
 class CompiledTown:
@@ -89,6 +100,14 @@ class CompiledTown:
     signals: tuple[Signal, ...]
     stop_lines: NDArray[np.float64]
     _rasters: dict[float, Raster] = field(default_factory=dict, repr=False, compare=False)
+
+    def __reduce__(self) -> Any:
+        # a registered town is pickled by name: snapshots of its worlds stay small
+        from .registry import compiled_town, town_names
+
+        if self.name in town_names() and compiled_town(self.name) is self:
+            return compiled_town, (self.name,)
+        return super().__reduce__()
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
@@ -174,15 +193,20 @@ def _sample(index: LaneIndex, lane: AbstractLane, in_junction: bool) -> Lane:
     """Sample a highway-env lane: at its ends if straight, else every half metre."""
     length = float(lane.length)
     count = 2 if type(lane) is StraightLane else max(2, math.ceil(length / SAMPLE_M) + 1)
-    stations = np.linspace(0.0, length, count)
-    centers = np.array([lane.position(s, 0.0) for s in stations], dtype=np.float64)
-    headings = np.array([lane.heading_at(s) for s in stations], dtype=np.float64)
+    where = np.linspace(0.0, length, count)
+    centers = np.array([lane.position(s, 0.0) for s in where], dtype=np.float64)
+    headings = np.array([lane.heading_at(s) for s in where], dtype=np.float64)
+    stations = where
+    if type(lane) not in (StraightLane, CircularLane):
+        # highway-env measures a SineLane along its chord
+        steps_m = np.hypot(*np.diff(centers, axis=0).T)
+        stations = np.concatenate([[0.0], np.cumsum(steps_m)])
     limit = lane.speed_limit
     return Lane(
         index=index,
         stations=stations,
         points=np.column_stack([centers, np.cos(headings), np.sin(headings)]),
-        half_width=np.array([lane.width_at(s) for s in stations], dtype=np.float64) / 2.0,
+        half_width=np.array([lane.width_at(s) for s in where], dtype=np.float64) / 2.0,
         lines=(lane.line_types[0] != LineType.NONE, lane.line_types[1] != LineType.NONE),
         in_junction=in_junction,
         speed_limit_mps=20.0 if limit is None else float(limit),

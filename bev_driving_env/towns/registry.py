@@ -85,7 +85,7 @@ def road_network(town: str) -> RoadNetwork:
     return _registration(town).build()
 
 
-@functools.lru_cache(maxsize=8)
+@functools.cache
 def compiled_town(town: str) -> CompiledTown:
     """The compiled form of a registered town, made once per process.
 
@@ -97,7 +97,7 @@ def compiled_town(town: str) -> CompiledTown:
     return compile_network(town, road_network(town))
 
 
-@functools.lru_cache(maxsize=8)
+@functools.cache
 def route_book(town: str) -> RouteBook:
     """The fixed routes of a registered town; empty if it has none."""
     from .routebook import RouteBook
@@ -107,7 +107,7 @@ def route_book(town: str) -> RouteBook:
 
 
 def _registration(town: str) -> _Registration:
-    if town not in _towns:
+    if not isinstance(town, str) or town not in _towns:
         raise ValueError(f"unknown town {town!r}; registered towns: {', '.join(_towns)}")
     return _towns[town]
 

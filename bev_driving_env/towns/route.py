@@ -137,14 +137,8 @@ def locate(
     """
     best, best_cost = (0, 0.0), math.inf
     for number, lane in enumerate(town.lanes):
-        starts, ends = lane.points[:-1, :2], lane.points[1:, :2]
-        spans = ends - starts
-        along = ((np.array([x, y]) - starts) * spans).sum(axis=1) / (spans**2).sum(axis=1)
-        along = np.clip(along, 0.0, 1.0)
-        distances = np.linalg.norm(starts + along[:, None] * spans - (x, y), axis=1)
-        i = int(distances.argmin())
-        cost = float(distances[i]) + (0.5 if lane.in_junction else 0.0)
-        station = float(lane.stations[i] + along[i] * (lane.stations[i + 1] - lane.stations[i]))
+        station, distance = lane.nearest(x, y)
+        cost = distance + (0.5 if lane.in_junction else 0.0)
         if heading_rad is not None:
             turn = math.remainder(lane.pose_at(station)[2] - heading_rad, 2.0 * math.pi)
             cost += HEADING_WEIGHT_M * abs(turn)
@@ -229,6 +223,8 @@ def random_route(
 ) -> Route:
     """A random walk over the lane graph that starts and ends outside junctions.
 
+    In a network that is nothing but junctions, as small plain ones can be, anywhere will do.
+
     Args:
         town: The town.
         rng: Source of randomness.
@@ -242,6 +238,7 @@ def random_route(
         ValueError: No such route was found in 1,000 draws.
     """
     roads = [number for number, lane in enumerate(town.lanes) if not lane.in_junction]
+    roads = roads or list(range(len(town.lanes)))
     lengths = np.array([town.lanes[number].length_m for number in roads])
     for _ in range(1000):
         lane = roads[rng.choice(len(roads), p=lengths / lengths.sum())]
@@ -252,7 +249,7 @@ def random_route(
             wanted_m -= town.lanes[lane].length_m
             lane = int(rng.choice(town.successors[lane]))
             lanes.append(lane)
-        if not town.lanes[lane].in_junction and wanted_m > 1.0:
+        if lane in roads and wanted_m > 1.0:
             return Route(town, tuple(lanes), start_m, wanted_m)
     raise ValueError(
         f"town {town.name!r} has no route of {shortest_m:g} to {longest_m:g} m that ends on a road"

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
+from numbers import Real
+from typing import Any
 
 from ..frames import BEVGeometry
 from ..kernels.layout import Physics, Window
@@ -13,11 +15,20 @@ BEV_OVERSAMPLING = 2
 """The BEV is sampled from a raster this many times finer, which keeps thin lines smooth."""
 
 
-def _require_positive(owner: object, *names: str) -> None:
-    for name in names:
-        value = getattr(owner, name)
-        if not (isinstance(value, (int, float)) and math.isfinite(value) and value > 0.0):
-            raise ValueError(f"{name} must be a positive number, got {value!r}")
+def is_number(value: object) -> bool:
+    """Whether a value is a finite real number, NumPy's included, and not a bool."""
+    return type(value) is not bool and isinstance(value, Real) and math.isfinite(value)
+
+
+def require_positive(name: str, value: Any) -> None:
+    """Raise a ``ValueError`` that names the value unless it is a positive finite number."""
+    if not (is_number(value) and value > 0.0):
+        raise ValueError(f"{name} must be a positive number, got {value!r}")
+
+
+def _require_all_positive(owner: Any) -> None:
+    for item in fields(owner):
+        require_positive(item.name, getattr(owner, item.name))
 
 
 @dataclass(frozen=True)
@@ -40,7 +51,7 @@ class VehicleModel:
     max_speed_mps: float = 40.0
 
     def __post_init__(self) -> None:
-        _require_positive(self, *(f.name for f in fields(self)))
+        _require_all_positive(self)
         if self.max_steering_rad >= math.pi / 2.0:
             raise ValueError(f"max_steering_rad must be below pi/2, got {self.max_steering_rad!r}")
 
@@ -66,7 +77,9 @@ class Rules:
     success_distance_m: float = 10.0
 
     def __post_init__(self) -> None:
-        _require_positive(self, *(f.name for f in fields(self)))
+        _require_all_positive(self)
+        if self.success_fraction > 1.0:
+            raise ValueError(f"success_fraction must be at most 1, got {self.success_fraction!r}")
 
 
 @dataclass(frozen=True)
@@ -82,7 +95,7 @@ class RewardWeights:
     def __post_init__(self) -> None:
         for item in fields(self):
             value = getattr(self, item.name)
-            if not (isinstance(value, (int, float)) and math.isfinite(value) and value >= 0.0):
+            if not (is_number(value) and value >= 0.0):
                 raise ValueError(f"reward weight {item.name} must be a number >= 0, got {value!r}")
 
 
@@ -114,14 +127,19 @@ class WorldConfig:
     bev: BEVGeometry = field(default_factory=BEVGeometry)
 
     def __post_init__(self) -> None:
-        _require_positive(self, "control_hz", "physics_hz", "cruise_speed_mps")
+        require_positive("cruise_speed_mps", self.cruise_speed_mps)
+        for name in ("control_hz", "physics_hz"):
+            if not isinstance(getattr(self, name), int) or getattr(self, name) < 1:
+                raise ValueError(
+                    f"{name} must be an int of at least 1, got {getattr(self, name)!r}"
+                )
         if self.physics_hz % self.control_hz:
             raise ValueError(
                 f"physics_hz must be a multiple of control_hz, "
                 f"got {self.physics_hz!r} and {self.control_hz!r}"
             )
         if self.time_limit_s is not None:
-            _require_positive(self, "time_limit_s")
+            require_positive("time_limit_s", self.time_limit_s)
         bits_of(self.terminate_on)
 
     @property

@@ -23,7 +23,7 @@ from .infractions import InfractionEvent, bits_of, names_of
 from .state import WorldState
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class WorldSnapshot:
     """Everything needed to continue from a moment, bit for bit."""
 
@@ -96,7 +96,7 @@ class World:
         self.state.set_route(world, points, route.length_m)
         self.state.ego[world, :3] = *points[0, :2], math.atan2(points[0, 3], points[0, 2])
         limit_s = self.config.time_limit_for(route.length_m)
-        self.state.time_limit[world] = round(limit_s * self.config.control_hz)
+        self.state.time_limit[world] = max(1, round(limit_s * self.config.control_hz))
         self.routes[world] = route
         self.episode_ids[world] = episode_id
         self.events[world] = ()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ..kernels import layout
 
 
-@dataclass
+@dataclass(eq=False)
 class WorldState:
     """Arrays over N worlds; columns are named in ``kernels.layout``.
 

@@ -1,6 +1,7 @@
 """Towns that several test files drive in."""
 
 import pytest
+
 from bev_driving_env.towns.build import build_grid_town
 from bev_driving_env.towns.compiled import compile_network
 from bev_driving_env.towns.grid import GridTown

@@ -1,5 +1,7 @@
 """``reset(options=...)``: every form, and what a wrong one is told."""
 
+from itertools import pairwise
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -143,7 +145,7 @@ def ring_of_straights(closed):
     corners = {"a": (0.0, 0.0), "b": (200.0, 0.0), "c": (200.0, 120.0), "d": (0.0, 120.0)}
     network = RoadNetwork()
     names = "abcda" if closed else "abcd"
-    for start, end in zip(names[:-1], names[1:], strict=True):
+    for start, end in pairwise(names):
         network.add_lane(start, end, StraightLane(corners[start], corners[end]))
     return network
 

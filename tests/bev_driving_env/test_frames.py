@@ -2,6 +2,9 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from bev_driving_env.frames import (
     CHANNELS,
     BEVGeometry,
@@ -10,8 +13,6 @@ from bev_driving_env.frames import (
     world_from_ego,
     wrap_angle,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 EAST, SOUTH, WEST, NORTH = 0.0, math.pi / 2, math.pi, -math.pi / 2
 meters = st.floats(-500.0, 500.0)

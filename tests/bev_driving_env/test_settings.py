@@ -67,7 +67,8 @@ def test_appearance_is_a_name_or_a_seed(appearance):
         ("max_speed_mps", float("nan"), r"max_speed_mps.*nan"),
         ("time_limit_s", -1.0, r"time_limit_s.*-1\.0"),
         ("terminate_on", ("off_raod",), r"'off_raod'.*off_road, wrong_lane"),
-        ("terminate_on", "off_road", r"'off_road'.*\('off_road',\)"),
+        ("terminate_on", "off_road", r"'off_road'.*\('off_road', 'blocked'\)"),
+        ("terminate_on", 5, r"terminate_on.*5"),
         ("bev", {"sise": 96}, r"'sise'.*size, px_per_m, ego_row"),
         ("bev", 96, r"BEVGeometry.*96"),
         ("vehicle", {"length_m": -1.0}, r"length_m.*-1\.0"),
@@ -108,5 +109,5 @@ def test_the_bev_geometry_may_be_changed(bev):
 def test_both_environments_take_the_same_keywords():
     with pytest.raises(TypeError, match="did you mean 'traffic'"):
         bev_driving_env.BEVTownVectorEnv(2, trafic="none")
-    with pytest.raises(ValueError, match="'cvt'.*ground_truth"):
+    with pytest.raises(ValueError, match=r"'cvt'.*ground_truth"):
         bev_driving_env.BEVTownVectorEnv(2, bev_source="cvt")

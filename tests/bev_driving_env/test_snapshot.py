@@ -127,6 +127,7 @@ def test_infractions_before_the_snapshot_stay_on_the_record():
     assert any(snapshot.events)
     summaries = []
     for _ in range(2):
+        env.reset(seed=1)  # begins another record
         env.restore(snapshot)
         for _ in range(100):
             *_, truncated, info = env.step(gas)

@@ -155,7 +155,9 @@ def test_render_without_a_mode_warns_and_gives_nothing(envs):
         ({"town": "Town09"}, r"'Town09'.*Town01"),
         ({"render_mode": "human"}, r"'rgb_array'.*'human'"),
         ({"max_episode_steps": 0}, r"max_episode_steps .*0"),
-        ({"autoreset_mode": "sometimes"}, r"sometimes"),
+        ({"max_episode_steps": 2.5}, r"max_episode_steps .*2\.5"),
+        ({"max_episode_steps": "2"}, r"max_episode_steps .*'2'"),
+        ({"autoreset_mode": "sometimes"}, r"(?s)(?=.*sometimes)(?=.*NextStep)(?=.*SameStep)"),
     ],
 )
 def test_bad_arguments_are_refused_with_what_came(arguments, named):
@@ -174,7 +176,7 @@ def test_bad_actions_are_refused_with_the_expected_shape(envs):
 
 
 def test_the_wrong_number_of_seeds_is_refused(envs):
-    with pytest.raises(ValueError, match="3 seeds.*2"):
+    with pytest.raises(ValueError, match=r"3 seeds.*2"):
         envs.reset(seed=[1, 2])
 
 

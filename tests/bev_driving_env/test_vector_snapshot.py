@@ -73,7 +73,7 @@ def test_a_snapshot_of_another_number_of_worlds_is_refused_with_both():
     envs, fewer = make(), BEVTownVectorEnv(2)
     envs.reset(seed=0)
     fewer.reset(seed=0)
-    with pytest.raises(ValueError, match="2 worlds.*4"):
+    with pytest.raises(ValueError, match=r"2 worlds.*4"):
         envs.restore(fewer.snapshot())
 
 

@@ -6,6 +6,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
 from gymnasium.wrappers import FlattenObservation, FrameStackObservation, RecordEpisodeStatistics
 
 import bev_driving_env
@@ -63,13 +64,29 @@ def test_record_episode_statistics_adds_up_what_the_episode_summary_says():
         _, reward, terminated, truncated, info = env.step([0.3, 0.0])
         rewards.append(reward)
         assert "episode" not in info
-        assert not (terminated or truncated)
+        assert not terminated
+        assert not truncated
     _, reward, _, truncated, info = env.step([0.3, 0.0])
     rewards.append(reward)
     assert truncated
     assert info["episode"]["l"] == info["episode_summary"]["steps"] == 20
     assert info["episode"]["r"] == pytest.approx(sum(rewards))
     assert info["episode_summary"]["return"] == pytest.approx(sum(rewards))
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_record_episode_statistics_works_on_the_vector_environment(mode):
+    plain = gym.make_vec(
+        "BEVTown01-v0", num_envs=3, max_episode_steps=4, autoreset_mode=mode, time_limit_s=9.0
+    )
+    envs = gym.wrappers.vector.RecordEpisodeStatistics(plain)
+    envs.reset(seed=0)
+    for _ in range(4):
+        *_, infos = envs.step(np.full((3, 2), (0.4, 0.0), np.float32))
+    assert infos["_episode"].all()
+    assert infos["episode"]["l"].tolist() == [4, 4, 4]
+    final = infos["final_info"] if mode is AutoresetMode.SAME_STEP else infos
+    np.testing.assert_allclose(infos["episode"]["r"], final["episode_summary"]["return"])
 
 
 def test_observations_can_be_stacked_and_flattened():

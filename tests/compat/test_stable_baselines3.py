@@ -45,26 +45,20 @@ def test_ppo_learns_from_the_dict_observation_with_a_cnn():
     model.learn(32)
     assert model.num_timesteps == 32
     after = list(model.policy.parameters())
-    assert any(not np.array_equal(a.numpy(), b.detach().numpy()) for a, b in zip(before, after))
+    pairs = zip(before, after, strict=True)
+    assert any(not np.array_equal(a.numpy(), b.detach().numpy()) for a, b in pairs)
     # SB3's Monitor owns info["episode"]
     assert [episode["l"] for episode in model.ep_info_buffer] == [10, 10, 10]
 
 
-def test_subprocess_workers_find_the_environment_by_its_module_and_id():
-    from functools import partial
+def test_its_vector_environment_finds_the_last_view_and_the_time_limit():
+    from stable_baselines3.common.vec_env import DummyVecEnv
 
-    from stable_baselines3.common.vec_env import SubprocVecEnv
-
-    make = partial(gym.make, "bev_driving_env:BEVTown01-v0", terminate_on=(), time_limit_s=0.3)
-    envs = SubprocVecEnv([make, make], start_method="spawn")
-    try:
-        envs.seed(5)
-        start = envs.reset()
-        assert start["bev"].shape == (2, 6, 192, 192)
-        for _ in range(3):
-            observation, rewards, dones, infos = envs.step(np.zeros((2, 2), np.float32))
-    finally:
-        envs.close()
+    envs = DummyVecEnv([lambda: gym.make("BEVTown01-v0", time_limit_s=0.3)] * 2)
+    envs.seed(5)
+    assert envs.reset()["bev"].shape == (2, 6, 192, 192)
+    for _ in range(3):
+        observation, rewards, dones, infos = envs.step(np.zeros((2, 2), np.float32))
     assert rewards.shape == (2,)
     assert dones.all()
     assert infos[0]["TimeLimit.truncated"] is True

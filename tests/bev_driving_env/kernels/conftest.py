@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+
 from bev_driving_env.frames import BEVGeometry
 from bev_driving_env.kernels.bev import render_worlds
 from bev_driving_env.kernels.layout import (

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+
 from bev_driving_env.frames import BEVGeometry
 from bev_driving_env.kernels.bev import LIGHTS, PEDESTRIANS, VEHICLES, render_worlds
 from bev_driving_env.kernels.layout import (
@@ -77,9 +78,7 @@ def test_a_vehicle_out_of_view_is_not_drawn(draw):
 
 def test_a_vehicle_in_the_farthest_corner_of_an_odd_window_is_drawn(draw):
     pose = place(95.0, 48.0, 0.4)
-    picture = draw(
-        EGO, vehicles=[(*pose, 0.0, 5.0, 2.0)], size=200, px_per_m=2.0, ego_row=199
-    )
+    picture = draw(EGO, vehicles=[(*pose, 0.0, 5.0, 2.0)], size=200, px_per_m=2.0, ego_row=199)
     assert_filled(picture.bev[VEHICLES], box_depth(picture, pose, 2.5, 1.0))
     assert picture.bev[VEHICLES].any()
 

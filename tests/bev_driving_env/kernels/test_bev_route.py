@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+
 from bev_driving_env.kernels.bev import ROUTE
 
 WIDE = {"size": 960, "px_per_m": 5.0, "ego_row": 700}  # 140 m ahead, 96 m to each side

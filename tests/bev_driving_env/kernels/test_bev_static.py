@@ -2,11 +2,12 @@ import math
 
 import numpy as np
 import pytest
+from highway_env.road.lane import CircularLane, LineType, StraightLane
+
 from bev_driving_env.kernels.bev import LANE, ROAD
 from bev_driving_env.kernels.layout import LANE_BIT, ROAD_BIT, RasterGrid
 from bev_driving_env.towns.compiled import compile_network
 from bev_driving_env.towns.network import CrossSection, TownNetwork
-from highway_env.road.lane import CircularLane, LineType, StraightLane
 
 SLACK_M = 0.15
 LINES = [LineType.STRIPED, LineType.CONTINUOUS]

@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+
 from bev_driving_env.kernels.detect import (
     is_against_traffic,
     is_deviating,
@@ -10,8 +11,6 @@ from bev_driving_env.kernels.detect import (
     raster_value,
 )
 from bev_driving_env.kernels.layout import NO_LANE, ROAD_BIT, SIDEWALK_BIT, RasterGrid
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 GRID = RasterGrid(-10.0, -10.0, 40.0)
 LENGTH_M, WIDTH_M = 5.0, 2.0
@@ -83,17 +82,17 @@ def test_a_raster_pixel_covers_its_half_open_square():
     assert raster_value(raster, grid, 99.99, -49.5) == 0  # left of it, not the last column
 
 
-@settings(max_examples=100, deadline=None)
-@given(st.floats(-7.0, 7.0), st.floats(-math.pi, math.pi))
-def test_against_traffic_means_more_than_120_degrees_from_the_lane(lane_heading, turned):
-    code = 1 + round(lane_heading / (2.0 * math.pi) * 255) % 255
+@pytest.mark.parametrize("degrees", range(-360, 361, 24))
+@pytest.mark.parametrize(
+    ("turned", "against"), [(0, False), (118.5, False), (121.5, True), (180, True), (238.5, True)]
+)
+def test_against_traffic_means_more_than_120_degrees_from_the_lane(degrees, turned, against):
+    # lane directions are stored in steps of 1.4 degrees
+    code = 1 + round(degrees / 360.0 * 255) % 255
     directions = np.full((800, 800), code, np.uint8)
-    against = is_against_traffic(directions, GRID, np.array([0.0, 0.0, lane_heading + turned, 5.0]))
-    slack = math.radians(1.0)  # lane directions are stored in steps of 1.4 degrees
-    if abs(turned) > math.radians(120.0) + slack:
-        assert against
-    if abs(turned) < math.radians(120.0) - slack:
-        assert not against
+    for sign in (-1.0, 1.0):
+        ego = np.array([0.0, 0.0, math.radians(degrees + sign * turned), 5.0])
+        assert is_against_traffic(directions, GRID, ego) == against
 
 
 @pytest.mark.parametrize("heading", np.linspace(-math.pi, math.pi, 9))

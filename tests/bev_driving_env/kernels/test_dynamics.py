@@ -2,11 +2,12 @@ import math
 
 import numpy as np
 import pytest
+from highway_env.road.lane import CircularLane
+from highway_env.vehicle.kinematics import Vehicle
+
 from bev_driving_env.kernels.dynamics import advance, braked
 from bev_driving_env.towns.registry import road_network
 from bev_driving_env.world.config import VehicleModel
-from highway_env.road.lane import CircularLane
-from highway_env.vehicle.kinematics import Vehicle
 
 DT_S = 0.05
 HALF_LENGTH_M = 2.5

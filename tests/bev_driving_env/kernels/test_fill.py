@@ -2,10 +2,11 @@ import math
 
 import numpy as np
 import pytest
-from bev_driving_env.kernels.fill import fill_band, fill_convex
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
+
+from bev_driving_env.kernels.fill import fill_band, fill_convex
 
 HEIGHT, WIDTH = 40, 60
 KNIFE_EDGE_PX = 1e-6
@@ -50,7 +51,7 @@ def test_filled_pixels_are_those_inside_all_half_planes(seed):
 @given(st.integers(0, 2**32))
 def test_clipping_at_the_borders_changes_nothing_inside(seed):
     corners = random_polygon(np.random.default_rng(seed), (-80.0, -60.0), (140.0, 100.0))
-    wide = filled(corners + (100, 100), (HEIGHT + 200, WIDTH + 200))
+    wide = filled(corners + np.array([100, 100]), (HEIGHT + 200, WIDTH + 200))
     np.testing.assert_array_equal(filled(corners), wide[100:-100, 100:-100])
 
 
@@ -99,7 +100,7 @@ def band(points, left, right):
 def test_a_band_along_a_straight_lies_between_its_two_lateral_offsets(angle):
     cos, sin, length = math.cos(angle), math.sin(angle), 21.13
     start = np.array([36.02, 49.03])
-    points = np.array([[*start, cos, sin], [*(start + (length * cos, length * sin)), cos, sin]])
+    points = np.array([[*start, cos, sin], [*(start + length * np.array([cos, sin])), cos, sin]])
     plane, x, y = band(points, -1.27, 3.81)
     along = (x - start[0]) * cos + (y - start[1]) * sin
     right = (y - start[1]) * cos - (x - start[0]) * sin

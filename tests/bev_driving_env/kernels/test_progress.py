@@ -1,7 +1,11 @@
+import itertools
 import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from bev_driving_env.kernels.layout import (
     DISTANCE,
     HEADING_ERROR,
@@ -11,8 +15,6 @@ from bev_driving_env.kernels.layout import (
     ROUTE_POSITION,
 )
 from bev_driving_env.kernels.progress import update_progress
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 SPACING_M = 0.5
 
@@ -20,7 +22,7 @@ SPACING_M = 0.5
 def along_polyline(corners):
     """Route points every half metre along straight pieces, with the direction of each piece."""
     rows = []
-    for (x0, y0), (x1, y1) in zip(corners[:-1], corners[1:], strict=True):
+    for (x0, y0), (x1, y1) in itertools.pairwise(corners):
         length = math.dist((x0, y0), (x1, y1))
         dx, dy = (x1 - x0) / length, (y1 - y0) / length
         s = np.arange(0.0, length, SPACING_M)
@@ -99,7 +101,7 @@ def test_padding_behind_the_route_is_ignored():
 def follow(points, corners, step_m=0.4):
     """Drive exactly along a polyline; yield the distance driven and the progress row."""
     progress, driven = np.zeros(PROGRESS_COLUMNS), 0.0
-    for (x0, y0), (x1, y1) in zip(corners[:-1], corners[1:], strict=True):
+    for (x0, y0), (x1, y1) in itertools.pairwise(corners):
         length = math.dist((x0, y0), (x1, y1))
         for s in np.arange(0.0, length, step_m):
             x, y = x0 + s / length * (x1 - x0), y0 + s / length * (y1 - y0)

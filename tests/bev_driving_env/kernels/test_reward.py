@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+
 from bev_driving_env.kernels.layout import BLOCKED, OFF_ROAD, PROGRESS_COLUMNS, REWARD_TERMS
 from bev_driving_env.kernels.reward import fill_reward_terms
 from bev_driving_env.world.config import RewardWeights, WorldConfig

@@ -3,6 +3,7 @@ import re
 
 import numpy as np
 import pytest
+
 from bev_driving_env.towns.registry import compiled_town
 
 # CARLA's own lane-centre radius of every turn, as measured: heading before -> heading after
