@@ -32,61 +32,6 @@ FRACTION = 16
 
 
 @kernel
-def sample_row(
-    classes: NDArray,
-    column: int,
-    row: int,
-    columns: NDArray,
-    rows: NDArray,
-    offsets: NDArray,
-    values: NDArray,
-) -> None:
-    """Read raster values along a line; 0 outside the raster.
-
-    Args:
-        classes: Raster (rows, columns) uint8.
-        column: Fixed-point column of the first sample.
-        row: Fixed-point row of the first sample.
-        columns: (K,) int32 fixed-point offsets from it.
-        rows: (K,) int32 likewise.
-        offsets: (K,) int32 scratch.
-        values: (K,) output.
-    """
-    height, width = classes.shape
-    count = values.shape[0]
-    base_column, base_row = column >> FRACTION, row >> FRACTION
-    # 32-bit arithmetic relative to the first pixel vectorises twice as wide
-    part_column = np.int32(column - (base_column << FRACTION))
-    part_row = np.int32(row - (base_row << FRACTION))
-    shift = np.int32(FRACTION)
-    last_column = base_column + ((part_column + columns[count - 1]) >> shift)
-    last_row = base_row + ((part_row + rows[count - 1]) >> shift)
-    inside = (
-        min(base_column, last_column) >= 0
-        and max(base_column, last_column) < width
-        and min(base_row, last_row) >= 0
-        and max(base_row, last_row) < height
-    )
-    if inside:
-        flat, stride = classes.reshape(-1), np.int32(width)
-        base = base_row * width + base_column
-        # two loops: the first vectorises, the second is nothing but loads
-        for u in range(count):
-            r = np.int32(np.int32(part_row + rows[u]) >> shift)
-            c = np.int32(np.int32(part_column + columns[u]) >> shift)
-            offsets[u] = np.int32(np.int32(r * stride) + c)
-        for u in range(count):
-            # an unsigned index spares the check for negative ones
-            values[u] = flat[np.uint64(base + offsets[u])]
-    else:
-        for u in range(count):
-            r = base_row + ((part_row + rows[u]) >> shift)
-            c = base_column + ((part_column + columns[u]) >> shift)
-            within = r >= 0 and c >= 0 and r < height and c < width
-            values[u] = classes[r, c] if within else 0
-
-
-@kernel
 def sample_static(
     classes: NDArray,
     grid: RasterGrid,
@@ -98,28 +43,60 @@ def sample_static(
     road: NDArray,
     lane: NDArray,
 ) -> None:
-    """Sample the road and lane planes from the static raster (nearest pixel), every pixel."""
+    """Sample the road and lane planes from the static raster (nearest pixel), every pixel.
+
+    Half of a step's time goes into this loop. Coordinates are 32-bit integers with 16 fractional
+    bits, relative to the first pixel of each row; the loop over offsets vectorises, the one over
+    loads does nothing else, and an unsigned index spares the check for negative ones.
+    """
+    height, width = classes.shape
+    flat, stride, shift = classes.reshape(-1), np.int32(width), np.int32(FRACTION)
+    size = window.size
     scale = grid.px_per_m / window.px_per_m * (1 << FRACTION)
     # one BEV column to the right moves by (-sin, cos) in the world, one row down by (-cos, -sin)
     dx, dy = int(round(-sin * scale)), int(round(cos * scale))
-    columns = np.empty(window.size, np.int32)
-    rows = np.empty(window.size, np.int32)
-    for u in range(window.size):
+    columns, rows, offsets = (
+        np.empty(size, np.int32),
+        np.empty(size, np.int32),
+        np.empty(size, np.int32),
+    )
+    values = np.empty(size, np.uint8)
+    for u in range(size):
         columns[u], rows[u] = u * dx, u * dy
-    offsets = np.empty(window.size, np.int32)
-    values = np.empty(window.size, np.uint8)
-    ahead = window.ego_row / window.px_per_m
-    left = window.ego_column / window.px_per_m
+    ahead, left = window.ego_row / window.px_per_m, window.ego_column / window.px_per_m
     per_m = grid.px_per_m * (1 << FRACTION)
-    column = int(math.floor((x + ahead * cos + left * sin - grid.x0_m) * per_m))
-    row = int(math.floor((y + ahead * sin - left * cos - grid.y0_m) * per_m))
-    for v in range(window.size):
-        sample_row(classes, column - v * dy, row + v * dx, columns, rows, offsets, values)
-        road_row, lane_row = road[v], lane[v]
-        for u in range(window.size):
+    column0 = int(math.floor((x + ahead * cos + left * sin - grid.x0_m) * per_m))
+    row0 = int(math.floor((y + ahead * sin - left * cos - grid.y0_m) * per_m))
+    for v in range(size):
+        column, row = column0 - v * dy, row0 + v * dx
+        base_column, base_row = column >> FRACTION, row >> FRACTION
+        part_column = np.int32(column - (base_column << FRACTION))
+        part_row = np.int32(row - (base_row << FRACTION))
+        last_column = (column + (size - 1) * dx) >> FRACTION
+        last_row = (row + (size - 1) * dy) >> FRACTION
+        if (
+            min(base_column, last_column) >= 0
+            and max(base_column, last_column) < width
+            and min(base_row, last_row) >= 0
+            and max(base_row, last_row) < height
+        ):
+            for u in range(size):
+                r = np.int32(np.int32(part_row + rows[u]) >> shift)
+                c = np.int32(np.int32(part_column + columns[u]) >> shift)
+                offsets[u] = np.int32(np.int32(r * stride) + c)
+            base = base_row * width + base_column
+            for u in range(size):
+                values[u] = flat[np.uint64(base + offsets[u])]
+        else:
+            for u in range(size):
+                r = base_row + ((part_row + rows[u]) >> shift)
+                c = base_column + ((part_column + columns[u]) >> shift)
+                within = r >= 0 and c >= 0 and r < height and c < width
+                values[u] = classes[r, c] if within else 0
+        for u in range(size):
             # 0 - 1 wraps to 255
-            road_row[u] = np.uint8(0) - (values[u] & np.uint8(ROAD_BIT))
-            lane_row[u] = np.uint8(0) - ((values[u] & np.uint8(LANE_BIT)) >> np.uint8(1))
+            road[v, u] = np.uint8(0) - (values[u] & np.uint8(ROAD_BIT))
+            lane[v, u] = np.uint8(0) - ((values[u] & np.uint8(LANE_BIT)) >> np.uint8(1))
 
 
 @kernel
@@ -155,7 +132,7 @@ def draw_route(
     """
     end_m = min(position_m + window.route_ahead_m, (size - 1) * spacing_m)
     half = window.route_half_width_m
-    columns, rows = np.empty(4), np.empty(4)
+    columns, rows, spans = np.empty(4), np.empty(4), np.empty((window.size, 2))
     px, py, dir_x, dir_y = route_pose(points, size, spacing_m, position_m)
     columns[0], rows[0] = to_pixel(window, x, y, cos, sin, px + dir_y * half, py - dir_x * half)
     columns[1], rows[1] = to_pixel(window, x, y, cos, sin, px - dir_y * half, py + dir_x * half)
@@ -169,7 +146,7 @@ def draw_route(
         px, py, dir_x, dir_y = route_pose(points, size, spacing_m, min(i * spacing_m, end_m))
         columns[3], rows[3] = to_pixel(window, x, y, cos, sin, px + dir_y * half, py - dir_x * half)
         columns[2], rows[2] = to_pixel(window, x, y, cos, sin, px - dir_y * half, py + dir_x * half)
-        fill_convex(plane, columns, rows, 0, 255)
+        fill_convex(plane, columns, rows, spans, 0, 255)
         if final:
             break
         columns[0], rows[0], columns[1], rows[1] = columns[3], rows[3], columns[2], rows[2]
@@ -188,7 +165,7 @@ def draw_boxes(
     sin: float,
 ) -> None:
     """Draw actor footprints (V, 6); rows of length 0 are empty slots."""
-    columns, rows = np.empty(4), np.empty(4)
+    columns, rows, spans = np.empty(4), np.empty(4), np.empty((window.size, 2))
     reach = (window.size * 1.5) / window.px_per_m
     for k in range(boxes.shape[0]):
         if boxes[k, LENGTH] <= 0.0:
@@ -210,7 +187,7 @@ def draw_boxes(
                 boxes[k, X] + ahead * c - right * s,
                 boxes[k, Y] + ahead * s + right * c,
             )
-        fill_convex(plane, columns, rows, 0, 255)
+        fill_convex(plane, columns, rows, spans, 0, 255)
 
 
 @kernel
@@ -225,7 +202,7 @@ def draw_stop_lines(
     sin: float,
 ) -> None:
     """Draw the stop lines (S, 4) whose signal (S,) is yellow or red."""
-    columns, rows = np.empty(4), np.empty(4)
+    columns, rows, spans = np.empty(4), np.empty(4), np.empty((window.size, 2))
     for k in range(stop_lines.shape[0]):
         if signals[k] < SIGNAL_YELLOW:
             continue
@@ -238,7 +215,7 @@ def draw_stop_lines(
         columns[1], rows[1] = c1 + across_c, r1 + across_r
         columns[2], rows[2] = c1 - across_c, r1 - across_r
         columns[3], rows[3] = c0 - across_c, r0 - across_r
-        fill_convex(plane, columns, rows, 0, 255)
+        fill_convex(plane, columns, rows, spans, 0, 255)
 
 
 @kernel

@@ -11,7 +11,9 @@ from .jit import kernel
 
 
 @kernel
-def fill_convex(plane: NDArray, columns: NDArray, rows: NDArray, keep: int, value: int) -> None:
+def fill_convex(
+    plane: NDArray, columns: NDArray, rows: NDArray, spans: NDArray, keep: int, value: int
+) -> None:
     """Write every pixel of a plane (H, W) uint8 whose centre lies in a convex polygon.
 
     Pixel centres are at integer coordinates, edges count as inside. Parts outside the plane are
@@ -21,6 +23,7 @@ def fill_convex(plane: NDArray, columns: NDArray, rows: NDArray, keep: int, valu
         plane: (H, W), written in place.
         columns: (K,) corner columns.
         rows: (K,) corner rows.
+        spans: (H, 2) float64 scratch.
         keep: Bits of the old pixel that stay; 0 overwrites it.
         value: Bits to add.
     """
@@ -36,27 +39,33 @@ def fill_convex(plane: NDArray, columns: NDArray, rows: NDArray, keep: int, valu
         right = max(right, columns[k])
     if bottom < 0.0 or right < 0.0 or top > height - 1.0 or left > width - 1.0:
         return
-    for row in range(max(0, math.ceil(top)), min(height - 1, math.floor(bottom)) + 1):
-        first, last = math.inf, -math.inf
-        previous = count - 1
-        for k in range(count):
-            low, high = rows[previous], rows[k]
-            if (low <= row and row <= high) or (high <= row and row <= low):
-                if low == high:
-                    start = min(columns[previous], columns[k])
-                    end = max(columns[previous], columns[k])
-                else:
-                    start = columns[previous] + (row - low) / (high - low) * (
-                        columns[k] - columns[previous]
-                    )
-                    end = start
-                first = min(first, start)
-                last = max(last, end)
-            previous = k
-        if first > last:
-            continue
-        for column in range(max(0, math.ceil(first)), min(width - 1, math.floor(last)) + 1):
-            plane[row, column] = (plane[row, column] & keep8) | value8
+    first_row = max(0, math.ceil(top))
+    row_count = min(height - 1, math.floor(bottom)) + 1 - first_row
+    if row_count <= 0:
+        return
+    for i in range(row_count):
+        spans[i, 0], spans[i, 1] = math.inf, -math.inf
+    previous = count - 1
+    for k in range(count):
+        low, high = previous, k
+        if rows[low] > rows[high]:
+            low, high = high, low
+        # a horizontal edge needs no scan: its neighbours end where it does
+        if rows[high] > rows[low]:
+            slope = (columns[high] - columns[low]) / (rows[high] - rows[low])
+            begin = max(math.ceil(rows[low]), first_row)
+            end = min(math.floor(rows[high]), first_row + row_count - 1)
+            for row in range(begin, end + 1):
+                column = columns[low] + (row - rows[low]) * slope
+                i = row - first_row
+                spans[i, 0] = min(spans[i, 0], column)
+                spans[i, 1] = max(spans[i, 1], column)
+        previous = k
+    for i in range(row_count):
+        if spans[i, 0] <= spans[i, 1]:
+            begin, end = max(0, math.ceil(spans[i, 0])), min(width - 1, math.floor(spans[i, 1]))
+            for column in range(begin, end + 1):
+                plane[first_row + i, column] = (plane[first_row + i, column] & keep8) | value8
 
 
 @kernel
@@ -84,7 +93,7 @@ def fill_band(
         keep: Bits of the old pixels that stay.
         value: Bits to add.
     """
-    columns, rows = np.empty(4), np.empty(4)
+    columns, rows, spans = np.empty(4), np.empty(4), np.empty((plane.shape[0], 2))
     for i in range(points.shape[0] - 1):
         for corner in range(4):
             k = i if corner < 2 else i + 1
@@ -93,4 +102,4 @@ def fill_band(
             y = points[k, 1] + points[k, 2] * offset
             columns[corner] = (x - grid_x0) * px_per_m - 0.5
             rows[corner] = (y - grid_y0) * px_per_m - 0.5
-        fill_convex(plane, columns, rows, keep, value)
+        fill_convex(plane, columns, rows, spans, keep, value)

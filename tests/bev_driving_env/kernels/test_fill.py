@@ -34,7 +34,8 @@ def depth_inside(corners, shape=(HEIGHT, WIDTH)):
 
 def filled(corners, shape=(HEIGHT, WIDTH)):
     plane = np.zeros(shape, np.uint8)
-    fill_convex(plane, corners[:, 0].copy(), corners[:, 1].copy(), 0, 1)
+    spans = np.empty((len(plane), 2))
+    fill_convex(plane, corners[:, 0].copy(), corners[:, 1].copy(), spans, 0, 1)
     return plane
 
 
@@ -76,7 +77,9 @@ def test_kept_bits_survive_under_the_polygon_and_all_bits_outside_it():
     before = rng.integers(0, 256, (HEIGHT, WIDTH), dtype=np.uint8)
     corners = np.array([[10.3, 5.2], [40.1, 9.7], [25.5, 33.3]])
     plane = before.copy()
-    fill_convex(plane, corners[:, 0].copy(), corners[:, 1].copy(), 0b1010_0000, 0b0000_0101)
+    spans = np.empty((len(plane), 2))
+    columns, rows = corners[:, 0].copy(), corners[:, 1].copy()
+    fill_convex(plane, columns, rows, spans, 0b1010_0000, 0b0000_0101)
     inside = depth_inside(corners) > 0.0
     np.testing.assert_array_equal(plane[~inside], before[~inside])
     np.testing.assert_array_equal(plane[inside] & 0b0000_1111, 0b0101)
