@@ -16,7 +16,10 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+Timing = Callable[[int], float]
+"""Does something a number of times and returns the mean seconds it took."""
 ENV_ID = "bev_driving_env:BEVTown01-v0"
+WORLDS = 64
 HIGHWAY_CONFIG: dict[str, Any] = {
     "observation": {
         "type": "GrayscaleObservation",
@@ -72,8 +75,13 @@ def measure_steps(rounds: int, seconds: float) -> dict[str, list[float]]:
         Seconds per step and world for ``single``, ``vector`` (64 worlds) and ``highway``, and
         seconds per ``copy`` of an observation; a list of ``rounds`` values each.
     """
-    calls = {"single": _single(), "vector": _vector(64), "highway": _highway(), "copy": _copy()}
-    batch = {"single": 1, "vector": 64, "highway": 1, "copy": 1}
+    calls: dict[str, Timing] = {
+        "single": _bevtown(gym.make(ENV_ID)),
+        "vector": _bevtown(gym.make_vec(ENV_ID, num_envs=WORLDS)),
+        "highway": _highway(),
+        "copy": _copy(),
+    }
+    batch = {"single": 1, "vector": WORLDS, "highway": 1, "copy": 1}
     repeats = {name: max(1, round(seconds / call(3))) for name, call in calls.items()}
     times: dict[str, list[float]] = {name: [] for name in calls}
     for _ in range(rounds):
@@ -97,47 +105,30 @@ def _recorded_actions() -> list[np.ndarray[Any, Any]]:
     return actions[:-5]
 
 
-def _single() -> Callable[[int], float]:
-    env, actions = gym.make(ENV_ID), _recorded_actions()
-    position = [len(actions)]
+def _bevtown(env: gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any]) -> Timing:
+    """Times steps along evaluation episode 1, resetting (untimed) before it ends."""
+    actions = _recorded_actions()
+    if isinstance(env, gym.vector.VectorEnv):
+        actions = [np.tile(action, (env.num_envs, 1)) for action in actions]
+    position = len(actions)
 
     def run(steps: int) -> float:
+        nonlocal position
         taken = 0.0
         for _ in range(steps):
-            if position[0] == len(actions):
+            if position == len(actions):
                 env.reset(options={"episode": 1})
-                position[0] = 0
-            action = actions[position[0]]
+                position = 0
             start = time.perf_counter()
-            env.step(action)
+            env.step(actions[position])
             taken += time.perf_counter() - start
-            position[0] += 1
+            position += 1
         return taken / steps
 
     return run
 
 
-def _vector(worlds: int) -> Callable[[int], float]:
-    env, actions = gym.make_vec(ENV_ID, num_envs=worlds), _recorded_actions()
-    position = [len(actions)]
-
-    def run(steps: int) -> float:
-        taken = 0.0
-        for _ in range(steps):
-            if position[0] == len(actions):
-                env.reset(options={"episode": 1})
-                position[0] = 0
-            batch = np.tile(actions[position[0]], (worlds, 1))
-            start = time.perf_counter()
-            env.step(batch)
-            taken += time.perf_counter() - start
-            position[0] += 1
-        return taken / steps
-
-    return run
-
-
-def _highway() -> Callable[[int], float]:
+def _highway() -> Timing:
     env = gym.make("highway_env:intersection-v2", config=HIGHWAY_CONFIG)
     env.reset(seed=0)
 
@@ -154,12 +145,12 @@ def _highway() -> Callable[[int], float]:
     return run
 
 
-def _copy() -> Callable[[int], float]:
+def _copy() -> Timing:
     bev = np.ones((6, 192, 192), np.uint8)
     return lambda copies: seconds_per_call(bev.copy, copies)
 
 
-def bytes_per_world(worlds: int = 64) -> float:
+def bytes_per_world(worlds: int = WORLDS) -> float:
     """Memory that each further world of a vector environment takes, observations aside."""
     from bev_driving_env.towns.registry import compiled_town, route_book
     from bev_driving_env.world.config import WorldConfig

@@ -13,14 +13,13 @@ from highway_env.road.road import LaneIndex, RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
 from numpy.typing import NDArray
 
+from .bev import BEVRenderer
 from .frames import CHANNELS, BEVGeometry
-from .kernels.bev import render_worlds
 from .kernels.jit import announce_compilation, drop_stale_caches
 from .kernels.layout import ACTOR_COLUMNS
 from .spaces import observation_space
 from .towns.compiled import CompiledTown, Lane, compile_network
 from .towns.route import lane_offsets, resample
-from .world.config import BEV_OVERSAMPLING, bev_window
 from .world.state import WorldState
 
 Observation = dict[str, NDArray[Any]]
@@ -62,9 +61,9 @@ class BEVObservation(gym.ObservationWrapper[Any, Any, Any]):
         self.observation_space = observation_space(
             self.geometry, Vehicle.MAX_SPEED, Vehicle.MIN_SPEED
         )
-        self._window = bev_window(self.geometry)
         self._state = WorldState.empty(1)
         self._compiled: tuple[RoadNetwork, CompiledTown] | None = None
+        self._rendering: tuple[CompiledTown, BEVRenderer] | None = None
         self._numbers: dict[LaneIndex, int] = {}
         drop_stale_caches()
 
@@ -76,26 +75,9 @@ class BEVObservation(gym.ObservationWrapper[Any, Any, Any]):
         others = [vehicle for vehicle in road.vehicles if vehicle is not ego]
         self._state.vehicles = _boxes(others)[None]
         self._set_route(town, ego)
+        bev = np.empty((1, len(CHANNELS), self.geometry.size, self.geometry.size), np.uint8)
         with announce_compilation():
-            raster = town.classes(BEV_OVERSAMPLING * self.geometry.px_per_m)
-            bev = np.empty((1, len(CHANNELS), self.geometry.size, self.geometry.size), np.uint8)
-            state = self._state
-            render_worlds(
-                self._window,
-                raster.pixels,
-                raster.grid,
-                town.stop_lines,
-                np.ones(1, np.bool_),
-                state.ego,
-                state.route_points,
-                state.route_size,
-                state.route_spacing,
-                state.progress,
-                state.vehicles,
-                state.pedestrians,
-                state.signals,
-                bev,
-            )
+            self._renderer(town).render(self._state, np.ones(1, np.bool_), bev)
         return {"bev": bev[0], "measurements": _measurements(ego)}
 
     def _town(self, network: RoadNetwork) -> CompiledTown:
@@ -108,6 +90,11 @@ class BEVObservation(gym.ObservationWrapper[Any, Any, Any]):
         self._compiled = (network, town)
         self._numbers = {lane.index: number for number, lane in enumerate(town.lanes)}
         return town
+
+    def _renderer(self, town: CompiledTown) -> BEVRenderer:
+        if self._rendering is None or self._rendering[0] is not town:
+            self._rendering = (town, BEVRenderer(town, self.geometry))
+        return self._rendering[1]
 
     def _set_route(self, town: CompiledTown, ego: Vehicle) -> None:
         chain = self._route_lanes(town, ego)

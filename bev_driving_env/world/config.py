@@ -8,11 +8,8 @@ from numbers import Real
 from typing import Any
 
 from ..frames import BEVGeometry
-from ..kernels.layout import Physics, Window
+from ..kernels.layout import Physics
 from .infractions import INFRACTIONS, bits_of
-
-BEV_OVERSAMPLING = 2
-"""The BEV is sampled from a raster this many times finer, which keeps thin lines smooth."""
 
 
 def is_number(value: object) -> bool:
@@ -176,21 +173,3 @@ class WorldConfig:
             reward_comfort=float(self.reward.comfort),
             reward_infraction=float(self.reward.infraction),
         )
-
-    def window(self) -> Window:
-        """The constants of the BEV kernel."""
-        return bev_window(self.bev)
-
-
-def bev_window(geometry: BEVGeometry) -> Window:
-    """The BEV kernel's constants for a geometry; widths and distances are the contract's."""
-    return Window(
-        size=geometry.size,
-        ego_row=geometry.ego_row,
-        ego_column=geometry.ego_column,
-        px_per_m=float(geometry.px_per_m),
-        route_ahead_m=80.0,
-        route_half_width_m=1.6,
-        pedestrian_half_extent_m=0.8,
-        stop_line_half_px=3.0,
-    )

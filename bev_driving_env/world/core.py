@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..bev import BEVRenderer
 from ..frames import CHANNELS
-from ..kernels.bev import render_worlds
 from ..kernels.jit import announce_compilation, drop_stale_caches
 from ..kernels.layout import REWARD_TERMS, ROUTE_DONE, ROUTE_POSITION
 from ..kernels.step import step_worlds
 from ..towns.compiled import CompiledTown
 from ..towns.route import Route
-from .config import BEV_OVERSAMPLING, WorldConfig
+from .config import WorldConfig
 from .infractions import InfractionEvent, bits_of, names_of
 from .state import WorldState
 
@@ -65,14 +65,13 @@ class World:
         self.rewards = np.zeros(worlds)
         self._terminating = bits_of(config.terminate_on)
         self._physics = config.physics()
-        self._window = config.window()
         self._everyone = np.ones(worlds, np.bool_)
         drop_stale_caches()
         with announce_compilation():
             # the rules must not depend on how finely the view is drawn
             self._classes = town.classes()
             self._directions = town.directions
-            self._bev_classes = town.classes(BEV_OVERSAMPLING * config.bev.px_per_m)
+            self._renderer = BEVRenderer(town, config.bev)
             self._warm_up()
 
     def _warm_up(self) -> None:
@@ -163,23 +162,7 @@ class World:
 
     def render(self, bev: NDArray[np.uint8], selected: NDArray[np.bool_] | None = None) -> None:
         """Render the ground-truth BEV of selected worlds into (N, 6, size, size) uint8."""
-        state = self.state
-        render_worlds(
-            self._window,
-            self._bev_classes.pixels,
-            self._bev_classes.grid,
-            self.town.stop_lines,
-            self._everyone if selected is None else selected,
-            state.ego,
-            state.route_points,
-            state.route_size,
-            state.route_spacing,
-            state.progress,
-            state.vehicles,
-            state.pedestrians,
-            state.signals,
-            bev,
-        )
+        self._renderer.render(self.state, self._everyone if selected is None else selected, bev)
 
     def route_position_m(self, world: int) -> float:
         """Where along its route a world's ego is now, in metres."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from bev_driving_env.bev import bev_window
 from bev_driving_env.frames import BEVGeometry
 from bev_driving_env.kernels.bev import render_worlds
 from bev_driving_env.kernels.layout import (
@@ -11,7 +12,6 @@ from bev_driving_env.kernels.layout import (
     ROUTE_POSITION,
     RasterGrid,
 )
-from bev_driving_env.world.config import bev_window
 
 NOWHERE = (np.zeros((1, 1), np.uint8), RasterGrid(0.0, 0.0, 10.0))
 

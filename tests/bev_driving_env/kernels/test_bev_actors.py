@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from bev_driving_env.bev import bev_window
 from bev_driving_env.frames import BEVGeometry
 from bev_driving_env.kernels.bev import LIGHTS, PEDESTRIANS, VEHICLES, render_worlds
 from bev_driving_env.kernels.layout import (
@@ -12,7 +13,6 @@ from bev_driving_env.kernels.layout import (
     SIGNAL_YELLOW,
     RasterGrid,
 )
-from bev_driving_env.world.config import bev_window
 
 EGO = (37.0, -12.0, 2.1)
 

@@ -68,12 +68,3 @@ def test_a_time_limit_must_be_positive(value):
 def test_a_route_gets_30_s_plus_0_8_s_a_metre_unless_told_otherwise():
     assert WorldConfig().time_limit_for(100.0) == pytest.approx(110.0)
     assert WorldConfig(time_limit_s=12.0).time_limit_for(100.0) == 12.0
-
-
-def test_the_bev_keeps_the_contracts_metres_in_any_geometry():
-    for geometry in (BEVGeometry(), BEVGeometry(size=64, px_per_m=2.0, ego_row=32)):
-        window = WorldConfig(bev=geometry).window()
-        assert (window.size, window.ego_row) == (geometry.size, geometry.ego_row)
-        assert window.ego_column == geometry.size // 2
-        assert (window.route_ahead_m, 2.0 * window.route_half_width_m) == (80.0, 3.2)
-        assert (window.pedestrian_half_extent_m, 2.0 * window.stop_line_half_px) == (0.8, 6.0)
