@@ -17,6 +17,8 @@ OVERSAMPLING = 2
 ROUTE_AHEAD_M = 80.0
 ROUTE_WIDTH_M = 3.2
 PEDESTRIAN_HALF_EXTENT_M = 0.8
+LINE_PX = 2.0
+"""Width of lane boundaries; in pixels, so that they stay unbroken at any resolution."""
 STOP_LINE_PX = 6.0
 
 
@@ -43,7 +45,9 @@ class BEVRenderer:
     """
 
     def __init__(self, town: CompiledTown, geometry: BEVGeometry) -> None:
-        self._classes: Raster = town.classes(OVERSAMPLING * geometry.px_per_m)
+        self._classes: Raster = town.classes(
+            OVERSAMPLING * geometry.px_per_m, LINE_PX / geometry.px_per_m
+        )
         self._stop_lines = town.stop_lines
         self._window = bev_window(geometry)
 

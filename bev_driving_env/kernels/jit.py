@@ -19,7 +19,10 @@ def kernel(function: Function) -> Function:
 
     Arithmetic is strict IEEE (no ``fastmath``): the same state gives the same bits on every run.
     """
-    compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    try:
+        compiled = numba.njit(cache=True, nogil=True, error_model="numpy")(function)
+    except RuntimeError:  # neither this folder nor the user's cache folder can be written
+        compiled = numba.njit(nogil=True, error_model="numpy")(function)
     return cast("Function", compiled)
 
 

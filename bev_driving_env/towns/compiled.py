@@ -18,6 +18,8 @@ from .raster import Raster, rasterize_classes, rasterize_directions
 RULES_PX_PER_M = 10.0
 """Resolution at which the rules see the road, whatever the resolution of the BEV."""
 DIRECTIONS_PX_PER_M = 5.0
+LINE_M = 0.4
+"""Width of lane boundaries: 2 px of the default BEV."""
 SAMPLE_M = 0.5
 JOINT_M = 1.5
 """A lane leads on to another when its end is within this distance of the other's start."""
@@ -99,7 +101,7 @@ class CompiledTown:
     cross_section: CrossSection
     signals: tuple[Signal, ...]
     stop_lines: NDArray[np.float64]
-    _rasters: dict[float, Raster] = field(default_factory=dict, repr=False, compare=False)
+    _rasters: dict[tuple[float, float], Raster] = field(default_factory=dict, repr=False)
 
     def __reduce__(self) -> Any:
         # a registered town is pickled by name: snapshots of its worlds stay small
@@ -116,13 +118,14 @@ class CompiledTown:
         (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
         return float(x0), float(y0), float(x1), float(y1)
 
-    def classes(self, px_per_m: float = RULES_PX_PER_M) -> Raster:
-        """The raster of static classes at a resolution, made on first use."""
-        if px_per_m not in self._rasters:
-            self._rasters[px_per_m] = rasterize_classes(
-                self.lanes, self.cross_section, self.bounds, px_per_m
+    def classes(self, px_per_m: float = RULES_PX_PER_M, line_m: float = LINE_M) -> Raster:
+        """The raster of static classes at a resolution and line width, made on first use."""
+        key = (px_per_m, line_m)
+        if key not in self._rasters:
+            self._rasters[key] = rasterize_classes(
+                self.lanes, self.cross_section, self.bounds, px_per_m, line_m
             )
-        return self._rasters[px_per_m]
+        return self._rasters[key]
 
     @functools.cached_property
     def directions(self) -> Raster:

@@ -27,8 +27,6 @@ if TYPE_CHECKING:
 
 MARGIN_M = 45.0
 """Empty border, so that the default BEV window stays on the raster while the ego is on the road."""
-LINE_M = 0.4
-"""Width of lane boundaries: 2 px at 5 px/m."""
 LARGEST_PX = 1 << 30
 KEEP_ALL = 255
 
@@ -51,6 +49,7 @@ def rasterize_classes(
     cross_section: CrossSection,
     bounds: tuple[float, float, float, float],
     px_per_m: float,
+    line_m: float,
 ) -> Raster:
     """Rasterise road, boundaries, sidewalk and junctions, one bit each (``kernels.layout``).
 
@@ -61,6 +60,7 @@ def rasterize_classes(
         cross_section: What lies beside them.
         bounds: Lane-centre extent x0, y0, x1, y1.
         px_per_m: Resolution.
+        line_m: Width of the boundaries.
 
     Raises:
         ValueError: The raster would have more than 2^30 pixels.
@@ -76,12 +76,12 @@ def rasterize_classes(
         half = lane.half_width + paved
         value = ROAD_BIT | JUNCTION_BIT if lane.in_junction else ROAD_BIT
         _fill(raster, lane, -half, half, KEEP_ALL ^ SIDEWALK_BIT, value)
-    half_line = max(LINE_M / 2.0, 0.75 / px_per_m)
     for lane in lanes:
         for side, present in zip((-1.0, 1.0), lane.lines, strict=True):
             if present:
                 edge = side * lane.half_width
-                _fill(raster, lane, edge - half_line, edge + half_line, KEEP_ALL, LANE_BIT)
+                left, right = edge - line_m / 2.0, edge + line_m / 2.0
+                _fill(raster, lane, left, right, KEEP_ALL, LANE_BIT)
     return raster
 
 

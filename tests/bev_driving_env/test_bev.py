@@ -29,3 +29,22 @@ def test_only_selected_worlds_are_drawn():
     assert (bev[1] == 7).all()
     assert set(np.unique(bev[[0, 2]])) == {0, 255}
     np.testing.assert_array_equal(bev[0], bev[2])
+
+
+@pytest.mark.parametrize("px_per_m", [2.0, 5.0, 10.0])
+def test_boundaries_are_about_two_pixels_wide_and_unbroken_at_any_resolution(px_per_m):
+    town = compiled_town("Town02")
+    lane = max(town.lanes, key=lambda lane: lane.length_m)
+    x, y, heading = lane.pose_at(lane.length_m / 2.0)
+    state = WorldState.empty(1, signals=len(town.signals))
+    state.ego[0] = (x, y, heading + 0.2, 0.0)
+    bev = np.zeros((1, 6, 96, 96), np.uint8)
+    BEVRenderer(town, BEVGeometry(size=96, px_per_m=px_per_m, ego_row=48)).render(
+        state, np.ones(1, np.bool_), bev
+    )
+    # the edge on the ego's right crosses every row near the middle: two pixels, give or take one
+    lines = bev[0, 2] > 0
+    for row in range(40, 57):
+        right = np.flatnonzero(lines[row, 48:])
+        first = right[: np.argmax(np.diff(np.append(right, 1000)) > 1) + 1]
+        assert 1 <= len(first) <= 3

@@ -2,7 +2,6 @@ import math
 
 import pytest
 
-from bev_driving_env.frames import BEVGeometry
 from bev_driving_env.world.config import RewardWeights, Rules, VehicleModel, WorldConfig
 
 
