@@ -4,7 +4,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 OUT    ?= runs/demo
 
-.PHONY: help demo test lint types unit oldest speed pictures clean
+.PHONY: help demo test lint types unit oldest speed splits pictures clean
 
 help:  ## List the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -31,6 +31,9 @@ oldest: $(VENV)-oldest/.installed  ## The environment's tests with the oldest su
 
 speed: $(VENV)/.installed  ## Steps per second beside highway-env, in one run
 	$(BIN)/bev-bench speed --out runs/speed.json
+
+splits: $(VENV)/.installed  ## Draw the val and test routes again, from their seeds
+	$(BIN)/python -m bev_driving_env.towns.routebook
 
 pictures: $(VENV)/.installed  ## Draw the README's pictures again
 	$(BIN)/python docs/draw_pictures.py

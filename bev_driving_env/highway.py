@@ -13,7 +13,7 @@ from highway_env.road.road import LaneIndex, RoadNetwork
 from highway_env.vehicle.kinematics import Vehicle
 from numpy.typing import NDArray
 
-from .bev import BEVRenderer
+from .bev import ROUTE_AHEAD_M, BEVRenderer
 from .frames import CHANNELS, BEVGeometry
 from .kernels.jit import announce_compilation, drop_stale_caches
 from .kernels.layout import ACTOR_COLUMNS
@@ -76,8 +76,7 @@ class BEVObservation(gym.ObservationWrapper[Any, Any, Any]):
         self._state.vehicles = _boxes(others)[None]
         self._set_route(town, ego)
         bev = np.empty((1, len(CHANNELS), self.geometry.size, self.geometry.size), np.uint8)
-        with announce_compilation():
-            self._renderer(town).render(self._state, np.ones(1, np.bool_), bev)
+        self._renderer(town).render(self._state, np.ones(1, np.bool_), bev)
         return {"bev": bev[0], "measurements": _measurements(ego)}
 
     def _town(self, network: RoadNetwork) -> CompiledTown:
@@ -92,8 +91,14 @@ class BEVObservation(gym.ObservationWrapper[Any, Any, Any]):
         return town
 
     def _renderer(self, town: CompiledTown) -> BEVRenderer:
+        """The renderer of a town, made and its kernel compiled on first use."""
         if self._rendering is None or self._rendering[0] is not town:
-            self._rendering = (town, BEVRenderer(town, self.geometry))
+            size = self.geometry.size
+            with announce_compilation():
+                renderer = BEVRenderer(town, self.geometry)
+                nothing = np.empty((1, len(CHANNELS), size, size), np.uint8)
+                renderer.render(WorldState.empty(1), np.zeros(1, np.bool_), nothing)
+            self._rendering = (town, renderer)
         return self._rendering[1]
 
     def _set_route(self, town: CompiledTown, ego: Vehicle) -> None:
@@ -102,7 +107,7 @@ class BEVObservation(gym.ObservationWrapper[Any, Any, Any]):
         if chain:
             start_m, _ = chain[0].nearest(*ego.position)
             whole_m = lane_offsets(chain)[-1] + chain[-1].length_m
-            length_m = min(whole_m - start_m, 100.0)
+            length_m = min(whole_m - start_m, ROUTE_AHEAD_M)
         if length_m < 1.0:
             self._state.route_size[0] = 0
             return

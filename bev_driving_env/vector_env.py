@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from numbers import Integral
 from typing import Any
 
@@ -95,7 +96,7 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
     def reset(
         self,
         *,
-        seed: int | list[int | None] | None = None,
+        seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[BatchedObservation, dict[str, Any]]:
         """Start an episode in every world, or in those of ``options["reset_mask"]``.
@@ -125,12 +126,12 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
             )
         return mask
 
-    def _seeds(self, seed: int | list[int | None] | None) -> list[int | None]:
+    def _seeds(self, seed: int | Sequence[int | None] | None) -> list[int | None]:
         if seed is None:
             return [None] * self.num_envs
-        seeds: list[int | None] = (
-            list(seed) if isinstance(seed, list) else [seed + i for i in range(self.num_envs)]
-        )
+        if isinstance(seed, (int, np.integer)):
+            return [int(seed) + i for i in range(self.num_envs)]
+        seeds = [None if one is None else int(one) for one in seed]
         if len(seeds) != self.num_envs:
             raise ValueError(f"expected {self.num_envs} seeds, one a world, got {len(seeds)}")
         return seeds

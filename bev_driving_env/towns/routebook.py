@@ -134,3 +134,20 @@ def draw_split(town: CompiledTown, split: str) -> tuple[RouteSpec, ...]:
 def _spec(route: Route) -> RouteSpec:
     start, end = (tuple(np.round(route.points[i, :2], 2).tolist()) for i in (0, -1))
     return RouteSpec(start, route.turns, end)
+
+
+def main() -> None:
+    """Draw the splits of the built-in towns again and write them into their route files."""
+    from .registry import ROUTES_FOLDER, compiled_town, register_builtin_towns
+
+    register_builtin_towns()
+    for path in sorted(ROUTES_FOLDER.glob("*.json")):
+        town = compiled_town(path.stem)
+        book = RouteBook.read(town.name, path)
+        splits = {split: draw_split(town, split) for split in SPLIT_SEEDS}
+        RouteBook(town.name, {**book.suites, **splits}).write(path)
+        print(f"{path}: {', '.join(splits)} drawn")
+
+
+if __name__ == "__main__":
+    main()
