@@ -19,6 +19,7 @@ from .layout import (
     ROUTE_POSITION,
     SIGNAL_YELLOW,
     WIDTH,
+    Pose,
     RasterGrid,
     Window,
     X,
@@ -36,10 +37,7 @@ def sample_static(
     classes: NDArray,
     grid: RasterGrid,
     window: Window,
-    x: float,
-    y: float,
-    cos: float,
-    sin: float,
+    pose: Pose,
     road: NDArray,
     lane: NDArray,
 ) -> None:
@@ -54,7 +52,7 @@ def sample_static(
     size = window.size
     scale = grid.px_per_m / window.px_per_m * (1 << FRACTION)
     # one BEV column to the right moves by (-sin, cos) in the world, one row down by (-cos, -sin)
-    dx, dy = int(round(-sin * scale)), int(round(cos * scale))
+    dx, dy = int(round(-pose.sin * scale)), int(round(pose.cos * scale))
     columns, rows, offsets = (
         np.empty(size, np.int32),
         np.empty(size, np.int32),
@@ -65,8 +63,10 @@ def sample_static(
         columns[u], rows[u] = u * dx, u * dy
     ahead, left = window.ego_row / window.px_per_m, window.ego_column / window.px_per_m
     per_m = grid.px_per_m * (1 << FRACTION)
-    column0 = int(math.floor((x + ahead * cos + left * sin - grid.x0_m) * per_m))
-    row0 = int(math.floor((y + ahead * sin - left * cos - grid.y0_m) * per_m))
+    x = pose.x + ahead * pose.cos + left * pose.sin
+    y = pose.y + ahead * pose.sin - left * pose.cos
+    column0 = int(math.floor((x - grid.x0_m) * per_m))
+    row0 = int(math.floor((y - grid.y0_m) * per_m))
     for v in range(size):
         column, row = column0 - v * dy, row0 + v * dx
         base_column, base_row = column >> FRACTION, row >> FRACTION
@@ -100,13 +100,11 @@ def sample_static(
 
 
 @kernel
-def to_pixel(
-    window: Window, x: float, y: float, cos: float, sin: float, world_x: float, world_y: float
-) -> tuple[float, float]:
+def to_pixel(window: Window, pose: Pose, world_x: float, world_y: float) -> tuple[float, float]:
     """BEV pixel (column, row) of a world point, seen from the ego pose."""
-    dx, dy = world_x - x, world_y - y
-    ahead = dx * cos + dy * sin
-    left = dx * sin - dy * cos
+    dx, dy = world_x - pose.x, world_y - pose.y
+    ahead = dx * pose.cos + dy * pose.sin
+    left = dx * pose.sin - dy * pose.cos
     return (
         window.ego_column - window.px_per_m * left,
         window.ego_row - window.px_per_m * ahead,
@@ -121,10 +119,7 @@ def draw_route(
     size: int,
     spacing_m: float,
     position_m: float,
-    x: float,
-    y: float,
-    cos: float,
-    sin: float,
+    pose: Pose,
 ) -> None:
     """Draw the planned lane centre from a route position to 80 m ahead as a band.
 
@@ -134,8 +129,8 @@ def draw_route(
     half = window.route_half_width_m
     columns, rows, spans = np.empty(4), np.empty(4), np.empty((window.size, 2))
     px, py, dir_x, dir_y = route_pose(points, size, spacing_m, position_m)
-    columns[0], rows[0] = to_pixel(window, x, y, cos, sin, px + dir_y * half, py - dir_x * half)
-    columns[1], rows[1] = to_pixel(window, x, y, cos, sin, px - dir_y * half, py + dir_x * half)
+    columns[0], rows[0] = to_pixel(window, pose, px + dir_y * half, py - dir_x * half)
+    columns[1], rows[1] = to_pixel(window, pose, px - dir_y * half, py + dir_x * half)
     i = int(position_m / spacing_m) + 1
     while True:
         while (i + 1) * spacing_m < end_m and points[i + 1, DIRECTION_X] * dir_x + points[
@@ -144,8 +139,8 @@ def draw_route(
             i += 1
         final = i * spacing_m >= end_m
         px, py, dir_x, dir_y = route_pose(points, size, spacing_m, min(i * spacing_m, end_m))
-        columns[3], rows[3] = to_pixel(window, x, y, cos, sin, px + dir_y * half, py - dir_x * half)
-        columns[2], rows[2] = to_pixel(window, x, y, cos, sin, px - dir_y * half, py + dir_x * half)
+        columns[3], rows[3] = to_pixel(window, pose, px + dir_y * half, py - dir_x * half)
+        columns[2], rows[2] = to_pixel(window, pose, px - dir_y * half, py + dir_x * half)
         fill_convex(plane, columns, rows, spans, 0, 255)
         if final:
             break
@@ -159,10 +154,7 @@ def draw_boxes(
     window: Window,
     boxes: NDArray,
     min_half_m: float,
-    x: float,
-    y: float,
-    cos: float,
-    sin: float,
+    pose: Pose,
 ) -> None:
     """Draw actor footprints (V, 6); rows of length 0 are empty slots."""
     columns, rows, spans = np.empty(4), np.empty(4), np.empty((window.size, 2))
@@ -170,7 +162,7 @@ def draw_boxes(
     for k in range(boxes.shape[0]):
         if boxes[k, LENGTH] <= 0.0:
             continue
-        if abs(boxes[k, X] - x) > reach or abs(boxes[k, Y] - y) > reach:
+        if abs(boxes[k, X] - pose.x) > reach or abs(boxes[k, Y] - pose.y) > reach:
             continue
         half_length = max(boxes[k, LENGTH] / 2.0, min_half_m)
         half_width = max(boxes[k, WIDTH] / 2.0, min_half_m)
@@ -180,10 +172,7 @@ def draw_boxes(
             right = half_width if corner in (1, 2) else -half_width
             columns[corner], rows[corner] = to_pixel(
                 window,
-                x,
-                y,
-                cos,
-                sin,
+                pose,
                 boxes[k, X] + ahead * c - right * s,
                 boxes[k, Y] + ahead * s + right * c,
             )
@@ -196,18 +185,15 @@ def draw_stop_lines(
     window: Window,
     stop_lines: NDArray,
     signals: NDArray,
-    x: float,
-    y: float,
-    cos: float,
-    sin: float,
+    pose: Pose,
 ) -> None:
     """Draw the stop lines (S, 4) whose signal (S,) is yellow or red."""
     columns, rows, spans = np.empty(4), np.empty(4), np.empty((window.size, 2))
     for k in range(stop_lines.shape[0]):
         if signals[k] < SIGNAL_YELLOW:
             continue
-        c0, r0 = to_pixel(window, x, y, cos, sin, stop_lines[k, 0], stop_lines[k, 1])
-        c1, r1 = to_pixel(window, x, y, cos, sin, stop_lines[k, 2], stop_lines[k, 3])
+        c0, r0 = to_pixel(window, pose, stop_lines[k, 0], stop_lines[k, 1])
+        c1, r1 = to_pixel(window, pose, stop_lines[k, 2], stop_lines[k, 3])
         length = math.sqrt((c1 - c0) ** 2 + (r1 - r0) ** 2)
         across_c = -(r1 - r0) / length * window.stop_line_half_px
         across_r = (c1 - c0) / length * window.stop_line_half_px
@@ -256,9 +242,9 @@ def render_worlds(
     for n in range(ego.shape[0]):
         if not selected[n]:
             continue
-        x, y = ego[n, X], ego[n, Y]
-        cos, sin = math.cos(ego[n, HEADING]), math.sin(ego[n, HEADING])
-        sample_static(classes, grid, window, x, y, cos, sin, bev[n, ROAD], bev[n, LANE])
+        heading = ego[n, HEADING]
+        pose = Pose(ego[n, X], ego[n, Y], math.cos(heading), math.sin(heading))
+        sample_static(classes, grid, window, pose, bev[n, ROAD], bev[n, LANE])
         bev[n, ROUTE] = 0
         bev[n, VEHICLES:] = 0
         if route_size[n] >= 2:
@@ -269,20 +255,10 @@ def render_worlds(
                 route_size[n],
                 route_spacing[n],
                 progress[n, ROUTE_POSITION],
-                x,
-                y,
-                cos,
-                sin,
+                pose,
             )
-        draw_boxes(bev[n, VEHICLES], window, vehicles[n], 0.0, x, y, cos, sin)
+        draw_boxes(bev[n, VEHICLES], window, vehicles[n], 0.0, pose)
         draw_boxes(
-            bev[n, PEDESTRIANS],
-            window,
-            pedestrians[n],
-            window.pedestrian_half_extent_m,
-            x,
-            y,
-            cos,
-            sin,
+            bev[n, PEDESTRIANS], window, pedestrians[n], window.pedestrian_half_extent_m, pose
         )
-        draw_stop_lines(bev[n, LIGHTS], window, stop_lines, signals[n], x, y, cos, sin)
+        draw_stop_lines(bev[n, LIGHTS], window, stop_lines, signals[n], pose)

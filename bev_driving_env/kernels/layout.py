@@ -86,6 +86,15 @@ class RasterGrid(NamedTuple):
     px_per_m: float
 
 
+class Pose(NamedTuple):
+    """A place and a direction in the world frame."""
+
+    x: float
+    y: float
+    cos: float
+    sin: float
+
+
 class Window(NamedTuple):
     """The BEV window in pixels; built from ``BEVGeometry``."""
 
