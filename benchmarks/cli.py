@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from . import run_command, speed_command
+from .errors import UsageError
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -50,15 +51,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     try:
         return int(options.command(options, arguments))
-    except (ValueError, OSError) as error:
+    except (UsageError, OSError) as error:
         print(f"bev-bench {options.verb}: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print(
-            f"\nbev-bench {options.verb}: interrupted; finished episodes are kept, "
-            f"the same command resumes",
-            file=sys.stderr,
-        )
+        hint = options.interrupted
+        print(f"\nbev-bench {options.verb}: interrupted{hint}", file=sys.stderr)
         return 130
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import traceback
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any
 
 import gymnasium as gym
@@ -34,8 +34,9 @@ class EpisodeResult:
         steps: Control steps.
         time_s: Simulated seconds.
         episode_return: Sum of rewards.
-        error: Traceback, if the agent or the BEV source failed; the episode then counts as not
-            completed, with the metres driven so far.
+        failure: Type and first line of what the agent or the BEV source raised, or "".
+        error: Its traceback. If not empty, the episode counts as not completed, with the metres
+            driven so far.
         trajectory: World x, y at reset and after each step, to the centimetre.
     """
 
@@ -51,6 +52,7 @@ class EpisodeResult:
     steps: int
     time_s: float
     episode_return: float
+    failure: str
     error: str
     trajectory: tuple[tuple[float, float], ...]
 
@@ -67,9 +69,10 @@ class EpisodeResult:
     def from_dict(cls, row: dict[str, Any]) -> EpisodeResult:
         """Inverse of ``as_dict``, also after a round trip through JSON."""
         pose = row["infraction_pose"]
+        known = {item.name: row[item.name] for item in fields(cls)}
         return cls(
             **{
-                **row,
+                **known,
                 "job": Job(**row["job"]),
                 "infraction_pose": None if pose is None else tuple(pose),
                 "trajectory": tuple((x, y) for x, y in row["trajectory"]),
@@ -83,7 +86,7 @@ def drive(job: Job) -> EpisodeResult:
     world = env.world
     observation, _ = env.reset(seed=job.seed, options=job.options)
     trajectory = [env.ego_pose[:2]]
-    error = ""
+    error = failure = ""
     try:
         agent: Agent = make_agent(job.agent, env)
         agent.reset(job.seed)
@@ -92,8 +95,9 @@ def drive(job: Job) -> EpisodeResult:
             observation, _, terminated, truncated, _ = env.step(agent.act(observation))
             trajectory.append(env.ego_pose[:2])
             ended = terminated or truncated
-    except Exception:  # whatever a foreign agent raises belongs into its row
+    except (Exception, SystemExit) as failed:  # whatever a foreign agent raises belongs in its row
         error = traceback.format_exc()
+        failure = f"{type(failed).__name__}: {str(failed).partition(chr(10))[0]}"
     summary = episode_summary(world, 0)
     events = summary["infractions"]
     first = events[0] if events else None
@@ -110,6 +114,7 @@ def drive(job: Job) -> EpisodeResult:
         steps=summary["steps"],
         time_s=summary["time_s"],
         episode_return=summary["return"],
+        failure=failure,
         error=error,
         trajectory=tuple((x, y) for x, y in np.round(trajectory, 2).tolist()),
     )

@@ -64,11 +64,12 @@ def draw_trajectories(
     labelled = len({row.job.index for row in rows}) <= MOST_LABELS
     for row in rows:
         colour = colours[(row.job.bev, row.job.agent)]
-        town_map.dot(row.trajectory[0], BLACK, 5.0)
         if row.clean:
             town_map.dot(row.trajectory[-1], WHITE, 5.0)
         elif row.infraction_pose is not None:
             town_map.arrow(row.infraction_pose, colour)
+    for row in rows:
+        town_map.dot(row.trajectory[0], BLACK, 5.0)
     if labelled:
         for index in sorted({row.job.index for row in rows}):
             row = next(row for row in rows if row.job.index == index)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import datetime
+import hashlib
 import importlib.metadata
 import platform
 import shlex
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,20 +23,24 @@ DISTRIBUTIONS = (
 )
 
 
-def provenance(argv: Sequence[str], seeds: Sequence[int]) -> dict[str, Any]:
+def provenance(
+    argv: Sequence[str], seeds: Sequence[int], hashes: Mapping[str, str] | None = None
+) -> dict[str, Any]:
     """Describe this run.
 
     Args:
         argv: Arguments of ``bev-bench``, without the program's name.
         seeds: Seeds of the run.
+        hashes: Hashes of files the results depend on, such as an agent's source.
 
     Returns:
-        A JSON-ready dict: command, seeds, versions, git_commit, python, machine, date_utc.
+        A JSON-ready dict: command, seeds, hashes, versions, git_commit, python, machine, date_utc.
     """
     now = datetime.datetime.now(datetime.timezone.utc)
     return {
         "command": shlex.join(["bev-bench", *argv]),
         "seeds": list(seeds),
+        "hashes": dict(hashes or {}),
         "versions": {name: _version(name) for name in DISTRIBUTIONS},
         "git_commit": git_commit(),
         "python": sys.version.split()[0],
@@ -45,16 +50,24 @@ def provenance(argv: Sequence[str], seeds: Sequence[int]) -> dict[str, Any]:
 
 
 def git_commit() -> str | None:
-    """Commit of the source tree this file is tracked in, with ``+`` if the tree has changes.
+    """Commit of the source tree this file is tracked in.
 
-    None for an installed copy: a repository that merely surrounds it says nothing about it.
+    If tracked files have changes, ``+`` and a hash of the changes follow. None for an installed
+    copy: a repository that merely surrounds it says nothing about it.
     """
     here = Path(__file__)
     if _git(here, "ls-files", "--error-unmatch", here.name) is None:
         return None
     commit = _git(here, "rev-parse", "HEAD")
-    changes = _git(here, "status", "--porcelain", "--untracked-files=no")
-    return commit + ("+" if changes else "") if commit else None
+    changes = _git(here, "diff", "HEAD")
+    if commit and changes:
+        return f"{commit}+{hashlib.sha256(changes.encode()).hexdigest()[:8]}"
+    return commit or None
+
+
+def file_hash(path: Path) -> str:
+    """SHA-256 of a file's content."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def cpu_name() -> str:

@@ -31,7 +31,7 @@ COLUMNS = (
     "steps",
     "time_s",
     "episode_return",
-    "error",
+    "failure",
 )
 
 
@@ -140,7 +140,7 @@ def as_json(results: Sequence[EpisodeResult], note: dict[str, Any]) -> dict[str,
     return {
         "provenance": note,
         "scores": [asdict(entry) for entry in score(results)],
-        "episodes": [_row(result) for result in results],
+        "episodes": [{**_row(result), "error": result.error} for result in results],
     }
 
 
@@ -153,10 +153,7 @@ def as_csv(results: Sequence[EpisodeResult], note: dict[str, Any]) -> str:
     writer = csv.DictWriter(buffer, COLUMNS, lineterminator="\n")
     writer.writeheader()
     for result in results:
-        row = _row(result)
-        # a traceback would break line-based tools; its last line says what happened
-        row["error"] = row["error"].strip().rpartition("\n")[2]
-        writer.writerow(row)
+        writer.writerow(_row(result))
     return buffer.getvalue()
 
 

@@ -12,16 +12,17 @@ from pathlib import Path
 from typing import Any
 
 from agents import make_agent
-from agents.registry import FORMS
+from agents.registry import FORMS, agent_source
 from bev_driving_env._version import __version__
 from bev_driving_env.env import BEVTownEnv
 from bev_driving_env.settings import BEV_SOURCES
 from bev_driving_env.towns.registry import town_names
 
 from .drive import EpisodeResult
+from .errors import UsageError
 from .files import write_bytes, write_json, write_text
 from .maps import draw_trajectories, png_bytes
-from .provenance import git_commit, provenance
+from .provenance import file_hash, git_commit, provenance
 from .results import as_csv, as_json, score, table
 from .runner import claim_folder, run_jobs
 from .suites import SUITES, jobs_of
@@ -108,35 +109,55 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         "--overwrite", action="store_true", help="discard what the folder already holds"
     )
-    parser.set_defaults(command=run)
+    parser.set_defaults(
+        command=run,
+        interrupted="; finished episodes are kept, the same command resumes (without --overwrite)",
+    )
 
 
 def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
-    """Run the verb; returns 1 if an agent failed in some episode, else 0."""
-    options = RunOptions(
-        suite=namespace.suite,
-        bev=tuple(dict.fromkeys(namespace.bev)),
-        agent=tuple(dict.fromkeys(namespace.agent)),
-        town=tuple(dict.fromkeys(namespace.town)),
-        seed=tuple(dict.fromkeys(namespace.seed)),
-        out=namespace.out,
-        workers=namespace.workers,
-        overwrite=namespace.overwrite,
-    )
-    jobs = list(
-        jobs_of(SUITES[options.suite], options.town, options.bev, options.agent, options.seed)
-    )
-    # fails here, in one line, rather than in every episode; and compiles before workers start
-    env = BEVTownEnv(options.town[0])
-    for spec in options.agent:
-        make_agent(spec, env)
+    """Run the verb; returns 1 if an agent failed in some episode, else 0.
+
+    Raises:
+        UsageError: The arguments are not valid; nothing has been written then.
+    """
+    try:
+        options = RunOptions(
+            suite=namespace.suite,
+            bev=tuple(dict.fromkeys(namespace.bev)),
+            agent=tuple(dict.fromkeys(namespace.agent)),
+            town=tuple(dict.fromkeys(namespace.town)),
+            seed=tuple(dict.fromkeys(namespace.seed)),
+            out=namespace.out,
+            workers=namespace.workers,
+            overwrite=namespace.overwrite,
+        )
+        jobs = list(
+            jobs_of(SUITES[options.suite], options.town, options.bev, options.agent, options.seed)
+        )
+        # fails here, in one line, rather than in every episode; and compiles before workers start
+        env = BEVTownEnv(options.town[0])
+        for spec in options.agent:
+            make_agent(spec, env)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
     if options.overwrite:
         _discard(options.out)
-    note = provenance(argv, options.seed)
-    claim_folder(options.out, options.identity, note)
+    hashes = agent_hashes(options.agent)
+    note = provenance(argv, options.seed, hashes)
+    claim_folder(options.out, {**options.identity, "hashes": hashes}, note)
     results = run_jobs(jobs, options.out, options.workers)
     _write(options, results, note)
     return _report(options, results)
+
+
+def agent_hashes(specs: Sequence[str]) -> dict[str, str]:
+    """Hash of the source file of each agent that is not built in, once it is loaded.
+
+    A run is not resumed with an agent whose file has changed.
+    """
+    sources = {spec: agent_source(spec) for spec in specs}
+    return {spec: file_hash(path) for spec, path in sources.items() if path is not None}
 
 
 def _discard(out: Path) -> None:
@@ -158,7 +179,7 @@ def _write(options: RunOptions, results: Sequence[EpisodeResult], note: dict[str
 
 def _footnote(note: dict[str, Any]) -> str:
     commit = note["git_commit"]
-    where = f", commit {commit[:10]}{'+' if commit.endswith('+') else ''}" if commit else ""
+    where = f", commit {commit[:10]}{'+' if '+' in commit else ''}" if commit else ""
     version = note["versions"]["bev-driving-env"] or __version__
     return f"`{note['command']}`, version {version}{where}, {note['date_utc']}"
 
@@ -167,8 +188,7 @@ def _report(options: RunOptions, results: Sequence[EpisodeResult]) -> int:
     print(table(score(results)))
     failed = [result for result in results if result.error]
     for result in failed[:3]:
-        last_line = result.error.strip().rpartition("\n")[2]
-        print(f"{result.job.agent} failed in {result.job.key}: {last_line}", file=sys.stderr)
+        print(f"{result.job.agent} failed in {result.job.key}: {result.failure}", file=sys.stderr)
     if failed:
         print(f"{len(failed)} episodes failed; tracebacks are in results.json", file=sys.stderr)
     print(f"\nresults in {options.out}: table.md, results.json, episodes.csv, map_*.png")

@@ -15,12 +15,9 @@ from typing import Any
 from tqdm import tqdm
 
 from .drive import EpisodeResult, drive
+from .errors import OtherRunError
 from .files import write_json
 from .suites import Job
-
-
-class OtherRunError(ValueError):
-    """The output folder holds results that do not belong to this run."""
 
 
 def run_jobs(jobs: Sequence[Job], out: Path, workers: int) -> list[EpisodeResult]:
@@ -85,7 +82,8 @@ def _obey_parent() -> None:
 def drive_and_keep(job: Job, folder: Path) -> EpisodeResult:
     """Drive one job and write its result."""
     result = drive(job)
-    write_json(folder / f"{job.key}.json", result.as_dict())
+    # the run's own file, one folder up, holds command, versions, commit and date
+    write_json(folder / f"{job.key}.json", {**result.as_dict(), "run": "../run.json"})
     return result
 
 
@@ -116,7 +114,10 @@ def claim_folder(out: Path, identity: dict[str, Any], note: dict[str, Any]) -> N
     """
     path = out / "run.json"
     if path.exists():
-        kept = json.loads(path.read_text(encoding="utf-8")).get("identity", {})
+        try:
+            kept = dict(json.loads(path.read_text(encoding="utf-8"))["identity"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise OtherRunError(f"{path} is not the file of a run: {error!r}") from error
         for key in {**identity, **kept}:
             if kept.get(key) != identity.get(key):
                 raise OtherRunError(

@@ -15,6 +15,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from tqdm import tqdm
 
 Timing = Callable[[int], float]
 """Does something a number of times and returns the mean seconds it took."""
@@ -61,7 +62,7 @@ def seconds_per_call(call: Callable[[], object], calls: int) -> float:
     return (time.perf_counter() - start) / calls
 
 
-def measure_steps(rounds: int, seconds: float) -> dict[str, list[float]]:
+def measure_steps(rounds: int, seconds: float, seed: int) -> dict[str, list[float]]:
     """Time steps of all environments in turn.
 
     Resets are not timed: highway-env simulates seconds of traffic in its own. The car drives an
@@ -70,6 +71,7 @@ def measure_steps(rounds: int, seconds: float) -> dict[str, list[float]]:
     Args:
         rounds: How often each is timed.
         seconds: Roughly how long each timing takes.
+        seed: Seed of the environments.
 
     Returns:
         Seconds per step and world for ``single``, ``vector`` (64 worlds) and ``highway``, and
@@ -78,13 +80,13 @@ def measure_steps(rounds: int, seconds: float) -> dict[str, list[float]]:
     calls: dict[str, Timing] = {
         "single": _bevtown(gym.make(ENV_ID)),
         "vector": _bevtown(gym.make_vec(ENV_ID, num_envs=WORLDS)),
-        "highway": _highway(),
+        "highway": _highway(seed),
         "copy": _copy(),
     }
     batch = {"single": 1, "vector": WORLDS, "highway": 1, "copy": 1}
     repeats = {name: max(1, round(seconds / call(3))) for name, call in calls.items()}
     times: dict[str, list[float]] = {name: [] for name in calls}
-    for _ in range(rounds):
+    for _ in tqdm(range(rounds), unit="round", desc="timing"):
         for name, call in calls.items():
             times[name].append(call(repeats[name]) / batch[name])
     return times
@@ -128,9 +130,9 @@ def _bevtown(env: gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any]) -> Ti
     return run
 
 
-def _highway() -> Timing:
+def _highway(seed: int) -> Timing:
     env = gym.make("highway_env:intersection-v2", config=HIGHWAY_CONFIG)
-    env.reset(seed=0)
+    env.reset(seed=seed)
 
     def run(steps: int) -> float:
         taken = 0.0
@@ -215,9 +217,9 @@ def _first_use(environment: Mapping[str, str]) -> tuple[float, float]:
     return float(imported), float(total)
 
 
-def figures(rounds: int, seconds: float) -> list[Figure]:
+def figures(rounds: int, seconds: float, seed: int = 0) -> list[Figure]:
     """Measure everything; ratios are medians of the ratios of each round."""
-    times = measure_steps(rounds, seconds)
+    times = measure_steps(rounds, seconds, seed)
 
     def ratio(slow: str, fast: str) -> float:
         return median(a / b for a, b in zip(times[slow], times[fast], strict=True))

@@ -4,14 +4,40 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from .errors import UsageError
 from .files import write_json
 from .provenance import cpu_name, provenance
 from .results import markdown
 from .speed import Figure, figures
+
+
+@dataclass(frozen=True)
+class SpeedOptions:
+    """Options of ``bev-bench speed``.
+
+    Attributes:
+        rounds: How often each environment is timed.
+        seconds: Roughly how long each timing takes.
+        seed: Seed of the environments.
+        out: JSON file for the figures, or None.
+    """
+
+    rounds: int
+    seconds: float
+    seed: int
+    out: Path | None
+
+    def __post_init__(self) -> None:
+        if self.rounds < 1:
+            raise UsageError(f"--rounds must be at least 1, got {self.rounds}")
+        if not 0.0 < self.seconds < 3600.0:
+            raise UsageError(f"--seconds must be above 0 and below 3600, got {self.seconds}")
+        if self.seed < 0:
+            raise UsageError(f"--seed must be at least 0, got {self.seed}")
 
 
 def add_parser(verbs: Any) -> None:
@@ -28,23 +54,20 @@ def add_parser(verbs: Any) -> None:
         "--seconds", type=float, default=0.5, help="length of each timing; default: 0.5"
     )
     parser.add_argument("--out", type=Path, help="also write the figures to this JSON file")
-    parser.set_defaults(command=run)
+    parser.add_argument("--seed", type=int, default=0, help="of the environments; default: 0")
+    parser.set_defaults(command=run, interrupted="")
 
 
 def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
     """Run the verb; returns 0, whether or not the targets are met."""
-    if namespace.rounds < 1 or not namespace.seconds > 0.0:
-        raise ValueError(
-            f"--rounds and --seconds must be positive, "
-            f"got {namespace.rounds} and {namespace.seconds}"
-        )
-    measured = figures(namespace.rounds, namespace.seconds)
-    print(f"Machine: {cpu_name()}, one thread, {namespace.rounds} rounds, medians.\n")
+    options = SpeedOptions(namespace.rounds, namespace.seconds, namespace.seed, namespace.out)
+    measured = figures(options.rounds, options.seconds, options.seed)
+    print(f"Machine: {cpu_name()}, one thread, {options.rounds} rounds, medians.\n")
     print(as_table(measured))
-    if namespace.out is not None:
-        note = provenance(argv, [])
+    if options.out is not None:
+        note = provenance(argv, [options.seed])
         write_json(
-            namespace.out, {"provenance": note, "figures": [asdict(entry) for entry in measured]}
+            options.out, {"provenance": note, "figures": [asdict(entry) for entry in measured]}
         )
     return 0
 

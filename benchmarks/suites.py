@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -62,9 +64,11 @@ class Job:
 
     @property
     def key(self) -> str:
-        """A file name that no other job has."""
+        """A file name that no other job has: readable, and unique by a hash of all fields."""
         parts = (self.town, self.routes, f"{self.index:03d}", self.bev, self.agent, str(self.seed))
-        return "__".join("".join(c if c.isalnum() else "-" for c in part) for part in parts)
+        name = "__".join("".join(c if c.isalnum() else "-" for c in part) for part in parts)
+        digest = hashlib.sha256(json.dumps(self.as_dict()).encode()).hexdigest()
+        return f"{name[:120]}__{digest[:8]}"
 
     @property
     def options(self) -> dict[str, Any]:

@@ -63,7 +63,7 @@ class BEVTownEnv(gym.Env[Any, Any]):
     | Term          | Value per step                                                 | Weight |
     |---------------|----------------------------------------------------------------|--------|
     | `progress`    | new route metres over those of cruising, at most 1             | 1.0    |
-    | `lateral`     | -min(distance from the planned lane centre / 3.5 m, 1)         | 0.5    |
+    | `lateral`     | -min(distance to the side of the lane centre / 3.5 m, 1)       | 0.5    |
     | `heading`     | -abs(heading error) / pi                                       | 0.5    |
     | `comfort`     | -mean change of the two commands / 2                           | 0.1    |
     | `infractions` | -1 for each infraction that begins                             | 10.0   |
@@ -73,7 +73,7 @@ class BEVTownEnv(gym.Env[Any, Any]):
 
     | Options                                           | Route                                    |
     |---------------------------------------------------|------------------------------------------|
-    | `{"episode": k}`                                  | evaluation episode 0 to 4                |
+    | `{"episode": k}`                                  | episode 0 to 4, the paper's 1 to 5       |
     | `{"route": k}`                                    | long route 0 to 9                        |
     | `{"split": "val" or "test", "index": k}`          | route 0 to 49 of a split                 |
     | `{"start": (x, y), "goal": (x, y)}`               | shortest way; a third number: heading |
@@ -98,7 +98,9 @@ class BEVTownEnv(gym.Env[Any, Any]):
     Every reset and step: `route_m` (route metres driven), `route_length_m`, `infractions` (names of
     those that began in this step), `success`, `lateral_error_m` (positive to the right),
     `episode_id`; every step also `reward_terms`; at the end also `episode_summary` (but not where
-    `gym.make(..., max_episode_steps=n)` cuts an episode from outside).
+    `gym.make(..., max_episode_steps=n)` cuts an episode from outside): `episode_id`, `route_m`,
+    `route_length_m`, `success`, `truncated`, `steps`, `time_s`, `return`, and `infractions`, a list
+    of dicts with `name`, `time_s`, `x`, `y`, `heading`, `speed_mps`, `route_m`.
 
     ## Arguments
     ```python
@@ -123,9 +125,17 @@ class BEVTownEnv(gym.Env[Any, Any]):
     | `max_speed_mps`  | `6.0`            | cruising speed that the reward and the expert aim for |
     | `time_limit_s`   | `None`           | seconds to truncation; None: 30 + 0.8 a route metre   |
     | `bev`            | 192, 5.0, 152    | dict of `size`, `px_per_m`, `ego_row`; `BEVGeometry`  |
-    | `vehicle`        | 5 m x 2 m ...    | `VehicleModel` or a dict of its fields                |
-    | `rules`          | see above        | `Rules` (thresholds) or a dict of its fields          |
-    | `reward`         | see above        | `RewardWeights` or a dict of its fields               |
+    | `vehicle`        | see below        | dict of fields, or `world.config.VehicleModel`        |
+    | `rules`          | see below        | dict of fields, or `world.config.Rules`               |
+    | `reward`         | see above        | dict of weights, or `world.config.RewardWeights`      |
+
+    Fields and defaults of `vehicle`: `length_m` 5, `width_m` 2, `max_acceleration_mps2` 5,
+    `max_steering_rad` 1.22, `speed_limit_mps` 40. Of `rules`: `deviation_m` 3.5, `wrong_lane_s` 1,
+    `blocked_s` 30, `blocked_mps` 0.1, `success_fraction` 0.99, `success_distance_m` 10.
+
+    ## Beyond Gymnasium
+    On `env.unwrapped`: `ground_truth_bev()`, `snapshot()` and `restore(s)`, `ego_pose` (x, y,
+    heading), `vehicle_states` (n, 6), `route` (its `points`, `length_m`, `turns`).
 
     Raises:
         ValueError: A value is not valid; the message names it and the valid ones.
@@ -149,7 +159,7 @@ class BEVTownEnv(gym.Env[Any, Any]):
         config = self.settings.world_config()
         self.world = World(compiled_town(town), config)
         self.action_space = action_space()
-        self.observation_space = observation_space(config.bev, config.vehicle.max_speed_mps)
+        self.observation_space = observation_space(config.bev, config.top_speed_mps)
         self._placed = False
         self._window: Any = None
 
@@ -175,8 +185,7 @@ class BEVTownEnv(gym.Env[Any, Any]):
             ValueError: The action is not two finite numbers.
             gymnasium.error.ResetNeeded: ``reset`` was never called.
         """
-        if not self._placed:
-            raise gym.error.ResetNeeded("call reset() before step()")
+        self._require_reset("step()")
         world = self.world
         world.step(checked_actions(action, (2,))[None])
         terminated = bool(world.terminated()[0])
@@ -189,6 +198,10 @@ class BEVTownEnv(gym.Env[Any, Any]):
             self.render()
         return self._observe(), float(world.rewards[0]), terminated, truncated, info
 
+    def _require_reset(self, what: str) -> None:
+        if not self._placed:
+            raise gym.error.ResetNeeded(f"call reset() before {what}")
+
     def _observe(self) -> Observation:
         ego, command = self.world.state.ego[0], self.world.state.command[0]
         measurements = np.array([ego[SPEED], command[0], command[1]], dtype=np.float32)
@@ -196,6 +209,7 @@ class BEVTownEnv(gym.Env[Any, Any]):
 
     def ground_truth_bev(self) -> NDArray[np.uint8]:
         """The true BEV (6, size, size) uint8 of this moment, newly made."""
+        self._require_reset("ground_truth_bev()")
         bev = np.empty((1, *self.world.bev_shape), np.uint8)
         self.world.render(bev)
         return bev[0]
@@ -203,6 +217,7 @@ class BEVTownEnv(gym.Env[Any, Any]):
     @property
     def ego_pose(self) -> tuple[float, float, float]:
         """World x, y (metres) and heading (radians) of the ego's centre."""
+        self._require_reset("ego_pose")
         ego = self.world.state.ego[0]
         return float(ego[X]), float(ego[Y]), float(ego[HEADING])
 
@@ -219,9 +234,9 @@ class BEVTownEnv(gym.Env[Any, Any]):
         Raises:
             gymnasium.error.ResetNeeded: ``reset`` was never called.
         """
+        self._require_reset("route")
         route = self.world.routes[0]
-        if route is None:
-            raise gym.error.ResetNeeded("call reset() first: there is no route yet")
+        assert route is not None
         return route
 
     def snapshot(self) -> WorldSnapshot:
@@ -230,15 +245,18 @@ class BEVTownEnv(gym.Env[Any, Any]):
         Raises:
             gymnasium.error.ResetNeeded: ``reset`` was never called.
         """
-        if not self._placed:
-            raise gym.error.ResetNeeded("call reset() before snapshot()")
+        self._require_reset("snapshot()")
         return self.world.snapshot()
 
     def restore(self, snapshot: WorldSnapshot) -> Observation:
         """Go back to a snapshot and return the observation there.
 
+        Gymnasium's wrappers know nothing of it: a fresh ``gym.make`` environment wants ``reset``
+        once before, and ``TimeLimit`` goes on counting (use ``time_limit_s`` instead).
+
         Raises:
-            ValueError: The snapshot is of another town or number of worlds.
+            TypeError: It is not a snapshot of a ``BEVTownEnv``.
+            ValueError: The snapshot is of another town, configuration or number of worlds.
         """
         self.world.restore(snapshot)
         self._np_random = self.world.rngs[0]
@@ -250,6 +268,7 @@ class BEVTownEnv(gym.Env[Any, Any]):
         if self.render_mode is None:
             gym.logger.warn('render() needs gym.make(..., render_mode="rgb_array" or "human")')
             return None
+        self._require_reset("render()")
         from .render import draw_panel
 
         frame = draw_panel(self.world, 0)

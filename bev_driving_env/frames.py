@@ -17,6 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .checks import is_int, is_number
+
 Points = NDArray[np.float64]
 
 
@@ -74,8 +76,8 @@ class BEVGeometry:
 
     Attributes:
         size: Side of the square image in pixels. The ego is at column ``size / 2``.
-        px_per_m: Resolution. The static map is rasterised at the same resolution, so a finer
-            BEV costs memory with the square of this number.
+        px_per_m: Resolution. The static map is rasterised twice as fine and kept, so a finer BEV
+            costs memory with the square of this number (20 MB for Town01 at 5, 330 MB at 20).
         ego_row: Row of the ego origin. ``ego_row / px_per_m`` metres are visible ahead.
 
     Raises:
@@ -87,14 +89,17 @@ class BEVGeometry:
     ego_row: int = 152
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.size, int) and 16 <= self.size <= 2048 and self.size % 2 == 0):
+        if not (is_int(self.size) and 16 <= self.size <= 2048 and self.size % 2 == 0):
             raise ValueError(f"BEV size must be an even int from 16 to 2048 px, got {self.size!r}")
-        if not 0.5 <= self.px_per_m <= 20.0:
+        if not (is_number(self.px_per_m) and 0.5 <= self.px_per_m <= 20.0):
             raise ValueError(f"BEV px_per_m must be from 0.5 to 20, got {self.px_per_m!r}")
-        if not (isinstance(self.ego_row, int) and 0 <= self.ego_row < self.size):
+        if not (is_int(self.ego_row) and 0 <= self.ego_row < self.size):
             raise ValueError(
-                f"BEV ego_row must be an int from 0 to {self.size - 1}, got {self.ego_row!r}"
+                f"BEV ego_row must be an int from 0 to {self.size - 1} when size is {self.size}, "
+                f"got {self.ego_row!r}"
             )
+        for name in ("size", "ego_row"):  # NumPy's integers would make the kernels compile anew
+            object.__setattr__(self, name, int(getattr(self, name)))
 
     @property
     def ego_column(self) -> int:

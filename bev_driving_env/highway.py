@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium as gym
@@ -14,6 +14,7 @@ from highway_env.vehicle.kinematics import Vehicle
 from numpy.typing import NDArray
 
 from .bev import ROUTE_AHEAD_M, BEVRenderer
+from .checks import configured
 from .frames import CHANNELS, BEVGeometry
 from .kernels.jit import announce_compilation, drop_stale_caches
 from .kernels.layout import ACTOR_COLUMNS
@@ -44,22 +45,27 @@ class BEVObservation(gym.ObservationWrapper[Any, Any, Any]):
 
     Args:
         env: Any environment built on highway-env's ``AbstractEnv``.
-        bev: Geometry of the view.
+        bev: Geometry of the view: a ``BEVGeometry`` or a mapping of its fields.
 
     Raises:
         TypeError: The environment has no highway-env road.
     """
 
-    def __init__(self, env: gym.Env[Any, Any], bev: BEVGeometry | None = None) -> None:
+    def __init__(
+        self, env: gym.Env[Any, Any], bev: BEVGeometry | Mapping[str, Any] | None = None
+    ) -> None:
         super().__init__(env)
         if not hasattr(env.unwrapped, "road") or not hasattr(env.unwrapped, "vehicle"):
             raise TypeError(
                 f"BEVObservation needs a highway-env environment with a road and a vehicle, "
                 f"got {type(env.unwrapped).__name__}"
             )
-        self.geometry = bev or BEVGeometry()
+        self.geometry: BEVGeometry = configured(BEVGeometry, bev or BEVGeometry())
         self.observation_space = observation_space(
-            self.geometry, Vehicle.MAX_SPEED, Vehicle.MIN_SPEED
+            # highway-env lets its limits be overshot while it steers back to them
+            self.geometry,
+            2.0 * Vehicle.MAX_SPEED,
+            2.0 * Vehicle.MIN_SPEED,
         )
         self._state = WorldState.empty(1)
         self._compiled: tuple[RoadNetwork, CompiledTown] | None = None

@@ -162,9 +162,10 @@ def draw_panel(world: World, n: int) -> Image:
         f"{state.progress[n, ROUTE_DONE]:6.1f} of {state.route_length[n]:.1f} m",
         *infractions[-3:],
     ]
+    town_map = _map_panel(world, n, side)
     for k, text in enumerate(lines):
-        write(view, text, (10, 22 + 20 * k))
-    return np.hstack([_map_panel(world, n, side), view, _channel_column(bev[n], side)])
+        write(town_map, text, (side // 3, side // 2 - 50 + 20 * k))
+    return np.hstack([town_map, view, _channel_column(bev[n], side)])
 
 
 def _map_panel(world: World, n: int, side: int) -> Image:
@@ -178,7 +179,7 @@ def _map_panel(world: World, n: int, side: int) -> Image:
         town_map.dot(route[-1, :2], (255, 255, 255), 5.0)
     for event in world.events[n]:
         town_map.dot((event.x, event.y), BEV_COLOURS["lights"], 5.0)
-    town_map.arrow(state.ego[n, :3], EGO, 14.0)
+    town_map.arrow(state.ego[n, :3], EGO, 10.0)
     panel = np.empty((side, side, 3), np.uint8)
     panel[:] = GROUND
     height, width = town_map.image.shape[:2]

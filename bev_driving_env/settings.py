@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from typing import Any
 
+from .checks import configured, is_int, require_positive
 from .frames import CHANNELS, BEVGeometry
-from .world.config import RewardWeights, Rules, VehicleModel, WorldConfig, require_positive
+from .world.config import RewardWeights, Rules, VehicleModel, WorldConfig
 from .world.infractions import INFRACTIONS
 
 BEV_SOURCES = ("ground_truth",)
@@ -95,14 +96,13 @@ class EnvSettings:
             )
 
     def _check_cameras(self) -> None:
-        seed = isinstance(self.appearance, int) and not isinstance(self.appearance, bool)
-        if self.appearance not in APPEARANCES and not seed:
+        if self.appearance not in APPEARANCES and not is_int(self.appearance):
             raise ValueError(
                 f"appearance must be an int seed or one of {', '.join(APPEARANCES)}, "
                 f"got {self.appearance!r}"
             )
         size = tuple(self.camera_size) if isinstance(self.camera_size, Collection) else ()
-        if len(size) != 2 or not all(isinstance(side, int) and side >= 16 for side in size):
+        if len(size) != 2 or not all(is_int(side) and side >= 16 for side in size):
             raise ValueError(
                 f"camera_size must be (height, width) of at least 16 px, got {self.camera_size!r}"
             )
@@ -136,21 +136,8 @@ class EnvSettings:
             cruise_speed_mps=self.max_speed_mps,
             terminate_on=tuple(INFRACTIONS if self.terminate_on is None else self.terminate_on),
             time_limit_s=self.time_limit_s,
-            vehicle=_build(VehicleModel, self.vehicle),
-            rules=_build(Rules, self.rules),
-            reward=_build(RewardWeights, self.reward),
-            bev=_build(BEVGeometry, self.bev),
+            vehicle=configured(VehicleModel, self.vehicle),
+            rules=configured(Rules, self.rules),
+            reward=configured(RewardWeights, self.reward),
+            bev=configured(BEVGeometry, self.bev),
         )
-
-
-def _build(kind: type, value: Any) -> Any:
-    """Make a configuration object of a mapping; leave a ready one alone."""
-    if isinstance(value, kind):
-        return value
-    if not isinstance(value, Mapping):
-        raise ValueError(f"expected {kind.__name__} or a mapping of its fields, got {value!r}")
-    names = [item.name for item in fields(kind)]
-    for name in value:
-        if name not in names:
-            raise ValueError(f"{kind.__name__} has no {name!r}; fields: {', '.join(names)}")
-    return kind(**value)

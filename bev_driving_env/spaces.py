@@ -21,15 +21,16 @@ def action_space() -> gym.spaces.Box:
 def observation_space(
     bev: BEVGeometry, max_speed_mps: float, min_speed_mps: float = 0.0
 ) -> gym.spaces.Dict:
-    """``bev`` (6, size, size) uint8 in 0..255 and ``measurements`` (3,) float32."""
-    # the speed limit is approached from above too, so leave room
-    fastest, slowest = 2.0 * max_speed_mps, 2.0 * min_speed_mps
+    """``bev`` (6, size, size) uint8 in 0..255 and ``measurements`` (3,) float32.
+
+    The speeds are bounds that are never exceeded.
+    """
     return gym.spaces.Dict(
         {
             "bev": gym.spaces.Box(0, 255, (len(CHANNELS), bev.size, bev.size), np.uint8),
             "measurements": gym.spaces.Box(
-                np.array([slowest, -1.0, -1.0], np.float32),
-                np.array([fastest, 1.0, 1.0], np.float32),
+                np.array([min_speed_mps, -1.0, -1.0], np.float32),
+                np.array([max_speed_mps, 1.0, 1.0], np.float32),
                 dtype=np.float32,
             ),
         }

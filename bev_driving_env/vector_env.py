@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from numbers import Integral
 from typing import Any
 
 import gymnasium as gym
@@ -14,6 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from .checks import require_count
 from .episodes import choose_route
 from .info import REWARD_TERM_NAMES, episode_summary, reward_terms, step_info
 from .kernels.layout import LATERAL, ROUTE_DONE, SPEED, X
@@ -73,11 +73,11 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         render_mode: str | None = None,
         **keywords: Any,
     ) -> None:
-        _require_count("num_envs", num_envs)
+        require_count("num_envs", num_envs)
         if render_mode not in (None, "rgb_array"):
             raise ValueError(f"render_mode must be None or 'rgb_array', got {render_mode!r}")
         if max_episode_steps is not None:
-            _require_count("max_episode_steps", max_episode_steps)
+            require_count("max_episode_steps", max_episode_steps)
         self.num_envs = int(num_envs)
         self.render_mode = render_mode
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
@@ -87,7 +87,7 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         self.world = World(compiled_town(town), config, num_envs)
         self._max_episode_steps = max_episode_steps
         self.single_action_space = action_space()
-        self.single_observation_space = observation_space(config.bev, config.vehicle.max_speed_mps)
+        self.single_observation_space = observation_space(config.bev, config.top_speed_mps)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._ended = np.ones(num_envs, np.bool_)
@@ -254,7 +254,14 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         return VectorSnapshot(self.world.snapshot(), self._ended.copy())
 
     def restore(self, snapshot: VectorSnapshot) -> BatchedObservation:
-        """Go back to a snapshot and return the observations there."""
+        """Go back to a snapshot and return the observations there.
+
+        Raises:
+            TypeError: It is not a ``VectorSnapshot``.
+            ValueError: It is of another town, configuration or number of worlds.
+        """
+        if not isinstance(snapshot, VectorSnapshot):
+            raise TypeError(f"expected a VectorSnapshot, got {type(snapshot).__name__}")
         self.world.restore(snapshot.world)
         self._ended = snapshot.ended.copy()
         self._placed[:] = True
@@ -268,11 +275,6 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         from .render import draw_panel
 
         return tuple(draw_panel(self.world, i) for i in range(self.num_envs))
-
-
-def _require_count(name: str, value: object) -> None:
-    if type(value) is bool or not isinstance(value, Integral) or value < 1:
-        raise ValueError(f"{name} must be an int of at least 1, got {value!r}")
 
 
 def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:

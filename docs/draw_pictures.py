@@ -42,9 +42,10 @@ def draw_town(town: str, width_px: int = 760) -> NDArray[np.uint8]:
     episodes = [book.route("episode", k, compiled).points for k in range(book.size("episode"))]
     for points in episodes:
         picture.line(points, (20, 24, 32), 4)
+    for points in episodes:
+        picture.dot(points[-1], (255, 255, 255), 5.0)
     for k, points in enumerate(episodes):
         picture.dot(points[0], (20, 24, 32), 5.0)
-        picture.dot(points[-1], (255, 255, 255), 5.0)
         picture.label(points[0], str(k))
     return picture.image
 

@@ -33,7 +33,7 @@ SIGNAL_OFF, SIGNAL_GREEN, SIGNAL_YELLOW, SIGNAL_RED = 0, 1, 2, 3
 # static raster: one bit per class
 ROAD_BIT, LANE_BIT, SIDEWALK_BIT, JUNCTION_BIT = 1, 2, 4, 8
 NO_LANE = 0
-"""Lane-direction code where no lane, or more than one, could be meant."""
+"""Lane-direction code off the lanes and inside junctions."""
 DIRECTION_CODES = 255
 """Directions are stored as 1 + round(heading / 2 pi * 255) modulo 255."""
 

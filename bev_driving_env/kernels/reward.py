@@ -21,6 +21,8 @@ from .layout import (
     Physics,
 )
 
+LATERAL_SCALE_M = 3.5
+
 
 @kernel
 def fill_reward_terms(
@@ -36,7 +38,7 @@ def fill_reward_terms(
 
     * progress: new route metres over what cruising covers in a step, at most 1 (speeding pays
       nothing), so a cruising car on its route earns the weight each step;
-    * lateral: minus the distance from the lane centre over 3.5 m, at most 1;
+    * lateral: minus the distance to the side of the lane centre over 3.5 m, at most 1;
     * heading: minus the heading error over pi;
     * comfort: minus the mean change of the two commands over their range;
     * infractions: minus 1 for each infraction that began in this step.
@@ -46,7 +48,9 @@ def fill_reward_terms(
     terms[REWARD_PROGRESS] = physics.reward_progress * min(
         gained_m / (physics.cruise_speed_mps * step_s), 1.0
     )
-    terms[REWARD_LATERAL] = -physics.reward_lateral * min(abs(progress[LATERAL]) / 3.5, 1.0)
+    terms[REWARD_LATERAL] = -physics.reward_lateral * min(
+        abs(progress[LATERAL]) / LATERAL_SCALE_M, 1.0
+    )
     terms[REWARD_HEADING] = -physics.reward_heading * abs(progress[HEADING_ERROR]) / math.pi
     jerk = abs(command[ACCELERATION] - command_before[ACCELERATION])
     jerk += abs(command[STEERING] - command_before[STEERING])

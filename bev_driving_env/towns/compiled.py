@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from dataclasses import dataclass, field
@@ -21,6 +22,7 @@ DIRECTIONS_PX_PER_M = 5.0
 LINE_M = 0.4
 """Width of lane boundaries: 2 px of the default BEV."""
 SAMPLE_M = 0.5
+LONGEST_JUNCTION_LANE_M = 50.0
 JOINT_M = 1.5
 """A lane leads on to another when its end is within this distance of the other's start."""
 STOP_LINE_SHARE = 0.8
@@ -37,8 +39,8 @@ class Lane:
         points: (M, 4) lane centre x, y and unit direction.
         half_width: (M,) metres.
         lines: Whether there is a boundary line on the left and on the right.
-        in_junction: Whether the lane lies inside a junction.
         speed_limit_mps: Speed limit.
+        in_junction: Whether the lane lies inside a junction.
     """
 
     index: LaneIndex
@@ -46,8 +48,8 @@ class Lane:
     points: NDArray[np.float64]
     half_width: NDArray[np.float64]
     lines: tuple[bool, bool]
-    in_junction: bool
     speed_limit_mps: float
+    in_junction: bool = False
 
     @property
     def length_m(self) -> float:
@@ -152,9 +154,12 @@ def compile_network(
     lanes_dict = network.lanes_dict()
     if not lanes_dict:
         raise ValueError(f"road network {name!r} has no lanes")
-    inside = _junction_lanes(network)
-    lanes = tuple(_sample(index, lane, index in inside) for index, lane in lanes_dict.items())
+    lanes = tuple(_sample(index, lane) for index, lane in lanes_dict.items())
     successors = _successors(lanes)
+    inside = _junction_lanes(network, lanes, successors)
+    lanes = tuple(
+        dataclasses.replace(lane, in_junction=number in inside) for number, lane in enumerate(lanes)
+    )
     if not allow_dead_ends:
         for lane, following in zip(lanes, successors, strict=True):
             if not following:
@@ -175,24 +180,30 @@ def compile_network(
     )
 
 
-def _junction_lanes(network: RoadNetwork) -> set[LaneIndex]:
-    """Lanes inside junctions: as told, or those at a node where roads part or meet."""
+def _junction_lanes(
+    network: RoadNetwork, lanes: tuple[Lane, ...], successors: tuple[tuple[int, ...], ...]
+) -> set[int]:
+    """Numbers of the lanes inside junctions.
+
+    A ``TownNetwork`` tells. In a plain network they are the lanes of at most 50 m that start where
+    a lane parts or end where lanes meet.
+    """
     if isinstance(network, TownNetwork):
-        return network.junction_lanes
-    arriving: dict[str, int] = {}
-    for targets in network.graph.values():
-        for target in targets:
-            arriving[target] = arriving.get(target, 0) + 1
-    return {
-        (start, end, number)
-        for start, targets in network.graph.items()
-        for end, lanes in targets.items()
-        for number in range(len(lanes))
-        if len(targets) > 1 or arriving[end] > 1
-    }
+        return {k for k, lane in enumerate(lanes) if lane.index in network.junction_lanes}
+    arriving = [0] * len(lanes)
+    for following in successors:
+        for number in following:
+            arriving[number] += 1
+    inside: set[int] = set()
+    for number, following in enumerate(successors):
+        if len(following) > 1:
+            inside.update(following)
+        if any(arriving[target] > 1 for target in following):
+            inside.add(number)
+    return {k for k in inside if lanes[k].length_m <= LONGEST_JUNCTION_LANE_M}
 
 
-def _sample(index: LaneIndex, lane: AbstractLane, in_junction: bool) -> Lane:
+def _sample(index: LaneIndex, lane: AbstractLane) -> Lane:
     """Sample a highway-env lane: at its ends if straight, else every half metre."""
     length = float(lane.length)
     count = 2 if type(lane) is StraightLane else max(2, math.ceil(length / SAMPLE_M) + 1)
@@ -211,7 +222,6 @@ def _sample(index: LaneIndex, lane: AbstractLane, in_junction: bool) -> Lane:
         points=np.column_stack([centers, np.cos(headings), np.sin(headings)]),
         half_width=np.array([lane.width_at(s) for s in where], dtype=np.float64) / 2.0,
         lines=(lane.line_types[0] != LineType.NONE, lane.line_types[1] != LineType.NONE),
-        in_junction=in_junction,
         speed_limit_mps=20.0 if limit is None else float(limit),
     )
 

@@ -78,7 +78,7 @@ def rasterize_classes(
         _fill(raster, lane, -half, half, KEEP_ALL ^ SIDEWALK_BIT, value)
     for lane in lanes:
         for side, present in zip((-1.0, 1.0), lane.lines, strict=True):
-            if present:
+            if present and not lane.in_junction:
                 edge = side * lane.half_width
                 left, right = edge - line_m / 2.0, edge + line_m / 2.0
                 _fill(raster, lane, left, right, KEEP_ALL, LANE_BIT)

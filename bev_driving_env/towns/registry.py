@@ -30,7 +30,11 @@ _towns: dict[str, _Registration] = {}
 
 
 def register_town(
-    name: str, build: Callable[[], RoadNetwork], *, routes: str | Path | None = None
+    name: str,
+    build: Callable[[], RoadNetwork],
+    *,
+    routes: str | Path | None = None,
+    overwrite: bool = False,
 ) -> str:
     """Register a town, and with it the environment id ``BEV<name>-v0``.
 
@@ -40,11 +44,13 @@ def register_town(
             ``TownNetwork`` with signals and sidewalks. Called once, when the town is first used.
         routes: JSON file with the town's fixed routes, laid out like those of Town01. Without
             one, only random routes and ``options={"start": ..., "goal": ...}`` are available.
+        overwrite: Replace a town of that name; environments made before keep the old one.
 
     Returns:
         The environment id.
 
     Raises:
+        TypeError: ``build`` cannot be called.
         ValueError: The name is taken or not an identifier.
 
     >>> import bev_driving_env
@@ -53,12 +59,17 @@ def register_town(
         ...
     ValueError: town 'Town01' is already registered; registered towns: Town01, Town02...
     """
-    if not re.fullmatch(r"\w+", name):
+    if not isinstance(name, str) or not re.fullmatch(r"\w+", name):
         raise ValueError(f"town name must consist of letters, digits and _, got {name!r}")
+    if not callable(build):
+        raise TypeError(f"build must be a function that returns a RoadNetwork, got {build!r}")
     if name in _towns:
-        raise ValueError(
-            f"town {name!r} is already registered; registered towns: {', '.join(_towns)}"
-        )
+        if not overwrite:
+            raise ValueError(
+                f"town {name!r} is already registered; registered towns: {', '.join(_towns)}"
+            )
+        compiled_town.cache_clear()
+        route_book.cache_clear()
     _towns[name] = _Registration(build, None if routes is None else Path(routes))
     env_id = f"BEV{name}-v0"
     if env_id not in gym.registry:
@@ -80,9 +91,18 @@ def road_network(town: str) -> RoadNetwork:
     """Build a town's highway-env road network, new and free to be changed.
 
     Raises:
+        TypeError: The town's build function returned something else.
         ValueError: No town of that name; the message lists those there are.
     """
-    return _registration(town).build()
+    from highway_env.road.road import RoadNetwork
+
+    network = _registration(town).build()
+    if not isinstance(network, RoadNetwork):
+        raise TypeError(
+            f"the build function of town {town!r} must return a highway-env RoadNetwork, "
+            f"got {type(network).__name__}"
+        )
+    return network
 
 
 @functools.cache

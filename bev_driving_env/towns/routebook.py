@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from ..checks import is_int
 from .compiled import CompiledTown
 from .route import Route, random_route, route_by_turns
 
@@ -90,11 +91,10 @@ class RouteBook:
         if not specs:
             have = ", ".join(self.suites) or "none"
             raise ValueError(f"town {self.town!r} has no {suite!r} routes; it has: {have}")
-        number = isinstance(index, (int, np.integer)) and not isinstance(index, bool)
-        if not number or not 0 <= index < len(specs):
+        if not is_int(index) or not 0 <= index < len(specs):
+            problem = "is out of range" if is_int(index) else "is not an int"
             raise ValueError(
-                f"{suite} {index!r} is out of range: town {self.town!r} has {suite} "
-                f"0 to {len(specs) - 1}"
+                f"{suite} {index!r} {problem}: town {self.town!r} has {suite} 0 to {len(specs) - 1}"
             )
         spec = specs[index]
         if spec not in self._planned:

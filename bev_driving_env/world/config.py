@@ -4,23 +4,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, fields
-from numbers import Real
 from typing import Any
 
+from ..checks import is_number, require_count, require_positive
 from ..frames import BEVGeometry
 from ..kernels.layout import Physics
 from .infractions import INFRACTIONS, bits_of
-
-
-def is_number(value: object) -> bool:
-    """Whether a value is a finite real number, NumPy's included, and not a bool."""
-    return type(value) is not bool and isinstance(value, Real) and math.isfinite(value)
-
-
-def require_positive(name: str, value: Any) -> None:
-    """Raise a ``ValueError`` that names the value unless it is a positive finite number."""
-    if not (is_number(value) and value > 0.0):
-        raise ValueError(f"{name} must be a positive number, got {value!r}")
 
 
 def _require_all_positive(owner: Any) -> None:
@@ -38,14 +27,14 @@ class VehicleModel:
         max_acceleration_mps2: What an acceleration command of 1 asks for, and -1 brakes with.
         max_steering_rad: Front wheel angle of a steering command of 1. At 1.22 rad the centre
             turns on a radius of 3.1 m; the tightest right turn of the towns has 3.8 m.
-        max_speed_mps: Above it the car slows down whatever is asked for (highway-env's limit).
+        speed_limit_mps: Above it the car slows down whatever is asked for (highway-env's limit).
     """
 
     length_m: float = 5.0
     width_m: float = 2.0
     max_acceleration_mps2: float = 5.0
     max_steering_rad: float = 1.22
-    max_speed_mps: float = 40.0
+    speed_limit_mps: float = 40.0
 
     def __post_init__(self) -> None:
         _require_all_positive(self)
@@ -126,10 +115,7 @@ class WorldConfig:
     def __post_init__(self) -> None:
         require_positive("cruise_speed_mps", self.cruise_speed_mps)
         for name in ("control_hz", "physics_hz"):
-            if not isinstance(getattr(self, name), int) or getattr(self, name) < 1:
-                raise ValueError(
-                    f"{name} must be an int of at least 1, got {getattr(self, name)!r}"
-                )
+            require_count(name, getattr(self, name))
         if self.physics_hz % self.control_hz:
             raise ValueError(
                 f"physics_hz must be a multiple of control_hz, "
@@ -138,6 +124,12 @@ class WorldConfig:
         if self.time_limit_s is not None:
             require_positive("time_limit_s", self.time_limit_s)
         bits_of(self.terminate_on)
+
+    @property
+    def top_speed_mps(self) -> float:
+        """Speed that is never exceeded: the limit, and one physics step of acceleration."""
+        overshoot = self.vehicle.max_acceleration_mps2 / self.physics_hz
+        return float(self.vehicle.speed_limit_mps + overshoot)
 
     @property
     def step_s(self) -> float:
@@ -159,7 +151,7 @@ class WorldConfig:
             half_width_m=self.vehicle.width_m / 2.0,
             max_acceleration_mps2=float(self.vehicle.max_acceleration_mps2),
             max_steering_rad=float(self.vehicle.max_steering_rad),
-            speed_limit_mps=float(self.vehicle.max_speed_mps),
+            speed_limit_mps=float(self.vehicle.speed_limit_mps),
             cruise_speed_mps=float(self.cruise_speed_mps),
             deviation_m=float(self.rules.deviation_m),
             wrong_lane_after_s=float(self.rules.wrong_lane_s),

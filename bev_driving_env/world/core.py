@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,10 +23,11 @@ from .infractions import InfractionEvent, bits_of, names_of
 from .state import WorldState
 
 
-@dataclass(frozen=True, eq=False)
+@dataclasses.dataclass(frozen=True, eq=False)
 class WorldSnapshot:
     """Everything needed to continue from a moment, bit for bit."""
 
+    config: WorldConfig
     state: WorldState
     routes: tuple[Route | None, ...]
     episode_ids: tuple[str, ...]
@@ -171,6 +172,7 @@ class World:
     def snapshot(self) -> WorldSnapshot:
         """Copy everything that the future depends on."""
         return WorldSnapshot(
+            config=self.config,
             state=self.state.copy(),
             routes=tuple(self.routes),
             episode_ids=tuple(self.episode_ids),
@@ -182,8 +184,19 @@ class World:
         """Go back to a snapshot; from there the same actions give the same bits.
 
         Raises:
-            ValueError: The snapshot is of another number of worlds or another town.
+            TypeError: It is not a ``WorldSnapshot``.
+            ValueError: It is of another number of worlds, town or configuration. Only the BEV's
+                geometry may differ.
         """
+        if not isinstance(snapshot, WorldSnapshot):
+            raise TypeError(f"expected a WorldSnapshot, got {type(snapshot).__name__}")
+        theirs = dataclasses.replace(snapshot.config, bev=self.config.bev)
+        for item in dataclasses.fields(theirs):
+            if getattr(theirs, item.name) != getattr(self.config, item.name):
+                raise ValueError(
+                    f"snapshot was taken with {item.name} {getattr(theirs, item.name)!r}, "
+                    f"this environment has {getattr(self.config, item.name)!r}"
+                )
         if len(snapshot.routes) != len(self):
             raise ValueError(
                 f"snapshot holds {len(snapshot.routes)} worlds, this environment {len(self)}"

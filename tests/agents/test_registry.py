@@ -98,10 +98,10 @@ def test_a_spec_that_leads_to_no_agent_is_refused_with_the_reason(spec, named, e
     assert repr(spec) in str(error.value)
 
 
-def test_an_error_inside_a_factory_is_not_hidden(env, drivers):
+def test_an_error_inside_a_factory_is_named_with_its_agent(env, drivers):
     def broken(env):
         raise ZeroDivisionError("in the factory")
 
     sys.modules["my_drivers"].broken = broken
-    with pytest.raises(ZeroDivisionError, match="in the factory"):
+    with pytest.raises(ValueError, match=r"'my_drivers:broken'.*ZeroDivisionError: in the factory"):
         make_agent("my_drivers:broken", env)

@@ -35,6 +35,7 @@ def make_result() -> Callable[..., EpisodeResult]:
             "steps": 200,
             "time_s": 20.0,
             "episode_return": 190.0,
+            "failure": "",
             "error": "",
             "trajectory": [[0.0, -2.0], [10.0, -2.0]],
         }

@@ -97,6 +97,40 @@ def test_a_failing_agent_is_reported_and_exits_with_1(tmp_path, monkeypatch, cap
     assert content["scores"][0]["clean"] == 0
 
 
+def test_a_run_is_not_resumed_with_an_agent_whose_file_has_changed(tmp_path, monkeypatch, capsys):
+    driver = tmp_path / "toy_changing_driver.py"
+    driver.write_text("from agents import Expert as Driver\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    arguments = ["run", "--agent", "toy_changing_driver:Driver", "--town", "Town02"]
+    arguments += ["--out", str(tmp_path / "out"), "--workers", "1"]
+    assert main(arguments) == 0
+    assert main(arguments) == 0
+    driver.write_text("from agents import Expert as Driver  # changed\n", encoding="utf-8")
+    assert main(arguments) == 2
+    assert "hashes" in capsys.readouterr().err
+    content = json.loads((tmp_path / "out" / "results.json").read_text(encoding="utf-8"))
+    assert len(content["provenance"]["hashes"]["toy_changing_driver:Driver"]) == 64
+
+
+def test_an_agent_that_cannot_be_made_is_a_mistake_in_one_line(tmp_path, monkeypatch, capsys):
+    (tmp_path / "toy_broken_driver.py").write_text("def make(env): 1 / 0\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert main(["run", "--agent", "toy_broken_driver:make", "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "toy_broken_driver:make" in line
+    assert "ZeroDivisionError" in line
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_error_of_ours_is_not_passed_off_as_a_mistake_of_the_user(tmp_path, monkeypatch):
+    def fail(*_: object) -> None:
+        raise ValueError("a bug in drawing")
+
+    monkeypatch.setattr("benchmarks.run_command.draw_trajectories", fail)
+    with pytest.raises(ValueError, match="a bug in drawing"):
+        main(["run", "--town", "Town02", "--out", str(tmp_path), "--workers", "1"])
+
+
 @pytest.mark.parametrize("verb", ["run", "speed"])
 def test_help_explains_every_option(verb, capsys):
     with pytest.raises(SystemExit) as stop:

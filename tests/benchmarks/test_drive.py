@@ -23,6 +23,9 @@ class Fails(Straight):
         if self.steps > 5: raise RuntimeError("out of ideas")
         return super().act(observation)
 
+class Quits(Straight):
+    def act(self, observation): raise SystemExit(3)
+
 class Sends(Straight):
     def act(self, observation): return np.array([np.nan, 0.0])
 
@@ -69,8 +72,14 @@ def test_an_agent_that_raises_fails_its_episode_with_the_traceback_and_the_metre
     result = drive(job_of("toy_drivers:Fails"))
     assert not result.success
     assert "RuntimeError: out of ideas" in result.error
+    assert result.failure == "RuntimeError: out of ideas"
     assert result.steps == 5
     assert 0.0 < result.driven_m < 5.0
+
+
+@pytest.mark.usefixtures("drivers")
+def test_an_agent_that_exits_does_not_end_the_benchmark():
+    assert drive(job_of("toy_drivers:Quits")).failure == "SystemExit: 3"
 
 
 @pytest.mark.usefixtures("drivers")

@@ -74,7 +74,7 @@ def test_csv_has_provenance_above_and_one_parsable_line_an_episode(make_result):
             infraction_m=12.3456,
             infraction_pose=(1.0, 2.0, 0.5),
         ),
-        make_result(index=1, error='Traceback, with "quotes",\n and lines\nValueError: no, really'),
+        make_result(index=1, error="Traceback\n ...", failure='ValueError: "no", really'),
     ]
     text = as_csv(results, note)
     comments = [line for line in text.splitlines() if line.startswith("#")]
@@ -83,7 +83,7 @@ def test_csv_has_provenance_above_and_one_parsable_line_an_episode(make_result):
     assert [row["infraction"] for row in rows] == ["off_road", ""]
     assert rows[0]["infraction_m"] == "12.346"
     assert (rows[0]["infraction_x"], rows[0]["infraction_y"]) == ("1.0", "2.0")
-    assert rows[1]["error"] == "ValueError: no, really"
+    assert rows[1]["failure"] == 'ValueError: "no", really'
     assert rows[0]["seed"] == "0"
 
 

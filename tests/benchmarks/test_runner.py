@@ -70,6 +70,13 @@ def test_a_folder_of_the_same_run_is_resumed_and_one_of_another_refused(tmp_path
         claim_folder(tmp_path, {"suite": "routes", "seed": [0]}, {})
 
 
+@pytest.mark.parametrize("content", ['{"identity": ', "[]", "{}"])
+def test_a_broken_run_file_is_named(tmp_path, content):
+    (tmp_path / "run.json").write_text(content, encoding="utf-8")
+    with pytest.raises(OtherRunError, match=r"run\.json is not the file of a run"):
+        claim_folder(tmp_path, {"suite": "paper"}, {})
+
+
 def test_episodes_of_unknown_origin_are_refused(tmp_path):
     (tmp_path / "episodes").mkdir()
     with pytest.raises(OtherRunError, match=r"no run\.json"):
@@ -83,7 +90,7 @@ def test_jobs_that_differ_have_different_file_names():
         for routes in ("val", "test")
         for index in (0, 1, 10)
         for bev in ("a", "b")
-        for agent in ("expert", "m:f")
+        for agent in ("expert", "m.n:f", "m_n:f")
         for seed in (0, 1)
     ]
     assert len({job.key for job in jobs}) == len(jobs)

@@ -169,3 +169,23 @@ def test_the_env_tells_its_pose_and_the_other_vehicles(env):
     assert heading == pytest.approx(np.pi)  # the lane runs west
     assert env.unwrapped.vehicle_states.shape == (0, 6)
     assert len(env.unwrapped.route.points) > 200
+
+
+@pytest.mark.parametrize(
+    "vehicle", [{"speed_limit_mps": 0.1}, {"max_acceleration_mps2": 2000.0}, {}]
+)
+def test_observations_stay_in_their_space_at_full_throttle(vehicle):
+    env = bev_driving_env.BEVTownEnv(
+        vehicle=vehicle, terminate_on=(), bev={"size": 32, "ego_row": 16}
+    )
+    env.reset(seed=0)
+    for _ in range(100):
+        observation, *_ = env.step([1.0, 0.0])
+        assert env.observation_space.contains(observation)
+
+
+def test_numpy_integers_configure_the_view_as_python_ones_do():
+    size, row = np.int64(64), np.int32(40)
+    env = bev_driving_env.BEVTownEnv(bev={"size": size, "ego_row": row}, appearance=np.int64(5))
+    assert env.reset(seed=0)[0]["bev"].shape == (6, 64, 64)
+    assert type(env.world.config.bev.size) is int

@@ -177,3 +177,8 @@ def test_an_environment_without_a_highway_env_road_is_refused_by_name(env_id):
     env = gym.make(env_id)
     with pytest.raises(TypeError, match=type(env.unwrapped).__name__):
         BEVObservation(env)
+
+
+def test_the_view_can_be_configured_by_a_mapping_as_in_the_towns():
+    env = BEVObservation(gym.make("highway-v0"), bev={"size": 64, "ego_row": 40})
+    assert env.reset(seed=0)[0]["bev"].shape == (6, 64, 64)

@@ -154,3 +154,41 @@ def test_a_snapshot_survives_pickling(env):
     first = drive(env, actions(50, seed=6))
     env.restore(snapshot)
     assert_equal_results(first, drive(env, actions(50, seed=6)))
+
+
+@pytest.mark.parametrize(
+    ("keywords", "named"),
+    [
+        ({"terminate_on": ()}, "terminate_on"),
+        ({"max_speed_mps": 3.0}, "cruise_speed_mps"),
+        ({"time_limit_s": 5.0}, "time_limit_s"),
+        ({"vehicle": {"length_m": 4.0}}, "vehicle"),
+    ],
+)
+def test_a_snapshot_of_another_configuration_is_refused(env, keywords, named):
+    env.reset(seed=0)
+    other = gym.make("BEVTown01-v0", **keywords).unwrapped
+    with pytest.raises(ValueError, match=f"snapshot was taken with {named}"):
+        other.restore(env.snapshot())
+
+
+def test_the_view_may_differ_between_a_snapshot_and_where_it_is_restored(env):
+    env.reset(seed=0)
+    other = gym.make("BEVTown01-v0", bev={"size": 96, "ego_row": 76}).unwrapped
+    observation = other.restore(env.snapshot())
+    assert observation["bev"].shape == (6, 96, 96)
+    assert other.ego_pose == env.ego_pose
+
+
+@pytest.mark.parametrize("wrong", [None, "a snapshot", 3])
+def test_what_is_no_snapshot_is_refused(env, wrong):
+    with pytest.raises(TypeError, match=type(wrong).__name__):
+        env.restore(wrong)
+
+
+@pytest.mark.parametrize("what", ["snapshot", "ground_truth_bev"])
+def test_before_the_first_reset_there_is_nothing_to_see(env, what):
+    with pytest.raises(gym.error.ResetNeeded, match=what):
+        getattr(env, what)()
+    with pytest.raises(gym.error.ResetNeeded, match="ego_pose"):
+        _ = env.ego_pose

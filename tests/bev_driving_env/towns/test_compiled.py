@@ -113,11 +113,29 @@ def test_lanes_at_a_node_where_roads_part_or_meet_are_in_a_junction():
     network.add_lane("b", "x", StraightLane([50.0, 0.0], [80.0, 30.0]))
     network.add_lane("x", "y", StraightLane([80.0, 30.0], [120.0, 30.0]))
     network.add_lane("y", "d", StraightLane([120.0, 30.0], [150.0, 0.0]))
+    network.add_lane("d", "z", StraightLane([150.0, 0.0], [200.0, 0.0]))
     town = compile_network("fork", network, allow_dead_ends=True)
     inside = {lane.index[:2] for lane in town.lanes if lane.in_junction}
     assert inside == {("b", "c"), ("b", "x"), ("c", "d"), ("y", "d")}
     assert bits(town, 75.0, 0.5) & JUNCTION_BIT
     assert not bits(town, 25.0, 0.5) & JUNCTION_BIT
+
+
+def test_the_two_directions_of_a_road_make_no_junction_where_roads_join():
+    network = RoadNetwork()
+    for start, end, x0, x1 in (("a", "b", 0.0, 40.0), ("b", "c", 40.0, 80.0)):
+        network.add_lane(start, end, StraightLane([x0, 2.0], [x1, 2.0]))
+        network.add_lane(end, start, StraightLane([x1, -2.0], [x0, -2.0]))
+    town = compile_network("two-way", network, allow_dead_ends=True)
+    assert not any(lane.in_junction for lane in town.lanes)
+
+
+def test_boundaries_are_drawn_on_roads_and_not_inside_junctions_of_a_plain_network():
+    network = chain((0, 0), (60, 0), (100, 0), (160, 0))
+    network.add_lane("b", "x", StraightLane([60.0, 0.0], [90.0, 30.0]))
+    town = compile_network("fork", network, allow_dead_ends=True)
+    assert bits(town, 30.0, 2.0) & LANE_BIT
+    assert not bits(town, 80.0, 2.0) & LANE_BIT
 
 
 def test_parallel_lanes_of_one_road_are_no_junction_and_lead_on_side_by_side():

@@ -129,3 +129,25 @@ def test_registering_the_builtin_towns_again_is_harmless():
     register_builtin_towns()
     assert town_names() == before
     assert {"BEVTown01-v0", "BEVTown02-v0"} <= set(gym.registry)
+
+
+@pytest.mark.parametrize("build", [None, 123, "Town01"])
+def test_a_build_that_cannot_be_called_is_refused_at_once(build):
+    name = unique_name()
+    with pytest.raises(TypeError, match=repr(build)):
+        register_town(name, build)
+    assert name not in town_names()
+
+
+def test_a_build_that_returns_no_road_network_is_named():
+    name = unique_name()
+    register_town(name, lambda: {"a": "b"})
+    with pytest.raises(TypeError, match=f"{name}.*RoadNetwork.*dict"):
+        BEVTownEnv(town=name)
+
+
+def test_a_broken_town_can_be_put_right_with_overwrite():
+    name = unique_name()
+    register_town(name, lambda: None)
+    register_town(name, stadium, overwrite=True)
+    assert BEVTownEnv(town=name).reset(seed=0)[1]["route_length_m"] > 0.0

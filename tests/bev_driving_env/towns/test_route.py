@@ -103,7 +103,7 @@ def cheapest_by_force(town, start, goal):
 
 def grid_of_one_way_streets():
     network = RoadNetwork()
-    places = {"a": (0, 0), "b": (40, 0), "c": (40, 30), "d": (0, 30), "e": (90, 10)}
+    places = {"a": (0, 0), "b": (40, 0), "c": (40, 30), "d": (0, 30), "e": (80, 10)}
     for start, end in ["ab", "bc", "cd", "da", "ac", "be", "ec", "ca", "db"]:
         network.add_lane(start, end, StraightLane(list(places[start]), list(places[end])))
     return compile_network("streets", network)
