@@ -38,6 +38,7 @@ LINE: Colour = (245, 245, 240)
 INK: Colour = (20, 24, 32)
 EGO: Colour = (40, 200, 90)
 PANEL_PX = 576
+CAPTION_PX = 28
 
 
 def bev_image(bev: Image) -> Image:
@@ -141,7 +142,6 @@ def write(image: Image, text: str, origin: tuple[int, int], scale: float = 0.45)
 
 def draw_panel(world: World, n: int) -> Image:
     """The picture of one world: the town map, the BEV in colour, and its six channels."""
-    state = world.state
     bev = np.zeros((len(world), *world.bev_shape), np.uint8)
     selected = np.arange(len(world)) == n
     world.render(bev, selected)
@@ -155,17 +155,24 @@ def draw_panel(world: World, n: int) -> Image:
     )
     corners = ((ego_px + 0.5) * side / world.config.bev.size * 16.0).round().astype(np.int32)
     cv2.fillPoly(view, [corners], EGO, cv2.LINE_AA, 4)
-    infractions = [event.name for event in world.events[n]]
-    lines = [
+    panels = np.hstack([_map_panel(world, n, side), view, _channel_column(bev[n], side)])
+    return np.vstack([panels, _caption(world, n, panels.shape[1])])
+
+
+def _caption(world: World, n: int, width: int) -> Image:
+    """A strip with the episode's name, time, speed, metres and infractions."""
+    state = world.state
+    strip: Image = np.full((CAPTION_PX, width, 3), 255, np.uint8)
+    words = [
         world.episode_ids[n],
-        f"{state.steps[n] * world.config.step_s:6.1f} s   {state.ego[n, SPEED]:5.2f} m/s",
-        f"{state.progress[n, ROUTE_DONE]:6.1f} of {state.route_length[n]:.1f} m",
-        *infractions[-3:],
+        f"{state.steps[n] * world.config.step_s:.1f} s",
+        f"{state.ego[n, SPEED]:.2f} m/s",
+        f"{state.progress[n, ROUTE_DONE]:.1f} of {state.route_length[n]:.1f} m",
+        *(event.name for event in world.events[n][-3:]),
     ]
-    town_map = _map_panel(world, n, side)
-    for k, text in enumerate(lines):
-        write(town_map, text, (side // 3, side // 2 - 50 + 20 * k))
-    return np.hstack([town_map, view, _channel_column(bev[n], side)])
+    for k, word in enumerate(words):
+        write(strip, word, (10 + 170 * k, 19), 0.5)
+    return strip
 
 
 def _map_panel(world: World, n: int, side: int) -> Image:
