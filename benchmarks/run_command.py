@@ -15,12 +15,12 @@ from agents import make_agent
 from agents.registry import FORMS, agent_source
 from bev_driving_env._version import __version__
 from bev_driving_env.env import BEVTownEnv
+from bev_driving_env.files import write_bytes, write_json, write_text
 from bev_driving_env.settings import BEV_SOURCES
 from bev_driving_env.towns.registry import town_names
 
 from .drive import EpisodeResult
 from .errors import UsageError
-from .files import write_bytes, write_json, write_text
 from .maps import draw_trajectories, png_bytes
 from .provenance import file_hash, git_commit, provenance
 from .results import as_csv, as_json, score, table

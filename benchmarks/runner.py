@@ -14,9 +14,10 @@ from typing import Any
 
 from tqdm import tqdm
 
+from bev_driving_env.files import write_json
+
 from .drive import EpisodeResult, drive
 from .errors import OtherRunError
-from .files import write_json
 from .suites import Job
 
 

@@ -8,8 +8,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from bev_driving_env.files import write_json
+
 from .errors import UsageError
-from .files import write_json
 from .provenance import cpu_name, provenance
 from .results import markdown
 from .speed import Figure, figures
@@ -22,7 +23,7 @@ class SpeedOptions:
     Attributes:
         rounds: How often each environment is timed.
         seconds: Roughly how long each timing takes.
-        seed: Seed of the environments.
+        seed: Seed of highway-env's traffic; BEVTown drives a fixed episode.
         out: JSON file for the figures, or None.
     """
 
@@ -54,7 +55,7 @@ def add_parser(verbs: Any) -> None:
         "--seconds", type=float, default=0.5, help="length of each timing; default: 0.5"
     )
     parser.add_argument("--out", type=Path, help="also write the figures to this JSON file")
-    parser.add_argument("--seed", type=int, default=0, help="of the environments; default: 0")
+    parser.add_argument("--seed", type=int, default=0, help="of highway-env's traffic; default: 0")
     parser.set_defaults(command=run, interrupted="")
 
 

@@ -189,7 +189,7 @@ class BEVTownEnv(gym.Env[Any, Any]):
         world = self.world
         world.step(checked_actions(action, (2,))[None])
         terminated = bool(world.terminated()[0])
-        truncated = not terminated and bool(world.truncated()[0])
+        truncated = bool(world.truncated()[0])
         info = step_info(world, 0)
         info["reward_terms"] = reward_terms(world, 0)
         if terminated or truncated:

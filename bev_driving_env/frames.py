@@ -106,12 +106,6 @@ class BEVGeometry:
         """Column of the ego origin."""
         return self.size // 2
 
-    @property
-    def reach_m(self) -> float:
-        """Distance from the ego to the farthest pixel, in metres."""
-        rows = max(self.ego_row, self.size - self.ego_row)
-        return float(np.hypot(rows, self.size / 2)) / self.px_per_m
-
     def pixel_from_ego(self, points: ArrayLike) -> Points:
         """Map ego-frame points (..., 2) to BEV pixels (..., 2), ordered (column u, row v).
 

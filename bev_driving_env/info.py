@@ -45,7 +45,7 @@ def episode_summary(world: World, n: int) -> dict[str, Any]:
         "route_m": float(state.progress[n, ROUTE_DONE]),
         "route_length_m": float(state.route_length[n]),
         "success": bool(world.success[n]),
-        "truncated": bool(world.truncated()[n]) and not bool(world.terminated()[n]),
+        "truncated": bool(world.truncated()[n]),
         "steps": int(state.steps[n]),
         "time_s": float(state.steps[n]) * world.config.step_s,
         "return": float(state.returns[n]),

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from .frames import CHANNELS, BEVGeometry
 
-MEASUREMENTS = ("speed_mps", "acceleration_command", "steering_command")
-
 
 def action_space() -> gym.spaces.Box:
     """Acceleration (negative brakes) and steering (positive turns right), each in [-1, 1]."""

@@ -171,7 +171,7 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         for i in np.flatnonzero(self._ended):
             self._start(int(i))
         terminated = world.terminated()
-        truncated = world.truncated() & ~terminated
+        truncated = world.truncated()
         rewards = world.rewards.copy()
         ended = terminated | truncated
         finals = self._finish(ended) if ended.any() else {}

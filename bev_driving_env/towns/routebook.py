@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..checks import is_int
+from ..files import write_text
 from .compiled import CompiledTown
 from .route import Route, random_route, route_by_turns
 
@@ -70,7 +71,7 @@ class RouteBook:
                 for spec in specs
             ]
             blocks.append(f' "{suite}": [\n  ' + ",\n  ".join(rows) + "\n ]")
-        path.write_text("{\n" + ",\n".join(blocks) + "\n}\n", encoding="utf-8")
+        write_text(path, "{\n" + ",\n".join(blocks) + "\n}\n")
 
     def size(self, suite: str) -> int:
         """Number of routes in a suite, 0 if the town has no such suite."""

@@ -158,8 +158,8 @@ class World:
         return self.success | (self.began & self._terminating != 0)
 
     def truncated(self) -> NDArray[np.bool_]:
-        """(N,) whether a world has reached its time limit."""
-        return self.state.steps >= self.state.time_limit
+        """(N,) whether the time limit, and nothing else, ended a world."""
+        return (self.state.steps >= self.state.time_limit) & ~self.terminated()
 
     def render(self, bev: NDArray[np.uint8], selected: NDArray[np.bool_] | None = None) -> None:
         """Render the ground-truth BEV of selected worlds into (N, 6, size, size) uint8."""

@@ -3,12 +3,8 @@ from __future__ import annotations
 import json
 import shlex
 from importlib.metadata import version
-from pathlib import Path
-
-import pytest
 
 from benchmarks import provenance as module
-from benchmarks.files import write_text
 from benchmarks.provenance import git_commit, provenance
 
 
@@ -46,18 +42,3 @@ def test_the_commit_of_a_tracked_file_is_found_and_marked_when_the_tree_has_chan
     assert first.startswith(commit + "+")
     tracked.write_text("3\n", encoding="utf-8")
     assert git_commit() not in (first, commit)
-
-
-def test_a_file_is_replaced_whole_or_not_at_all(tmp_path, monkeypatch):
-    path = tmp_path / "new" / "table.md"
-    write_text(path, "old")
-
-    def fail(self: Path, target: Path) -> None:
-        raise OSError("disk full")
-
-    monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(OSError, match="disk full"):
-        write_text(path, "new")
-    monkeypatch.undo()
-    assert path.read_text(encoding="utf-8") == "old"
-    assert list(path.parent.iterdir()) == [path]

@@ -102,13 +102,6 @@ def test_pixels_and_ego_points_round_trip_in_any_geometry(half_size, px_per_m, d
     np.testing.assert_allclose(back, points, atol=1e-9)
 
 
-def test_no_pixel_is_farther_from_the_ego_than_reach():
-    geometry = BEVGeometry(size=64, px_per_m=2.0, ego_row=50)
-    v, u = np.mgrid[0:64, 0:64]
-    farthest = np.linalg.norm(geometry.ego_from_pixel(np.stack([u, v], -1)), axis=-1).max()
-    assert farthest <= geometry.reach_m <= farthest + 1.0
-
-
 @pytest.mark.parametrize(
     ("keywords", "message"),
     [
