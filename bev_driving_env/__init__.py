@@ -15,15 +15,24 @@ from .towns.registry import register_builtin_towns, register_town, road_network
 if TYPE_CHECKING:
     from .env import BEVTownEnv
     from .highway import BEVObservation
+    from .sources.corrupted import CorruptedBEV
+    from .sources.protocol import BEVSource, BEVSourceError, SensorFrame
+    from .sources.registry import make_bev_source, register_bev_source
     from .vector_env import BEVTownVectorEnv
     from .wrappers import BEVOnly
 
 __all__ = [
     "BEVObservation",
     "BEVOnly",
+    "BEVSource",
+    "BEVSourceError",
     "BEVTownEnv",
     "BEVTownVectorEnv",
+    "CorruptedBEV",
+    "SensorFrame",
     "__version__",
+    "make_bev_source",
+    "register_bev_source",
     "register_town",
     "road_network",
 ]
@@ -31,8 +40,14 @@ __all__ = [
 _HOMES = {
     "BEVObservation": "highway",
     "BEVOnly": "wrappers",
+    "BEVSource": "sources.protocol",
+    "BEVSourceError": "sources.protocol",
     "BEVTownEnv": "env",
     "BEVTownVectorEnv": "vector_env",
+    "CorruptedBEV": "sources.corrupted",
+    "SensorFrame": "sources.protocol",
+    "make_bev_source": "sources.registry",
+    "register_bev_source": "sources.registry",
 }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
@@ -10,14 +11,28 @@ from numpy.typing import NDArray
 
 from .episodes import choose_route
 from .info import episode_summary, reward_terms, step_info
-from .kernels.layout import HEADING, SPEED, X, Y
+from .kernels.layout import HEADING, X, Y
+from .sensors import Sensors
 from .settings import EnvSettings
+from .sources.policy_view import PolicySnapshot, PolicyView
+from .sources.protocol import SensorFrame
 from .spaces import action_space, checked_actions, observation_space
 from .towns.registry import compiled_town
 from .towns.route import Route
 from .world.core import World, WorldSnapshot
 
 Observation = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class EnvSnapshot(WorldSnapshot):
+    """State of the world, and of what stands between it and the policy.
+
+    Attributes:
+        policy_view: What the BEV sources remember; None if the policy sees the ground truth.
+    """
+
+    policy_view: PolicySnapshot | None = None
 
 
 class BEVTownEnv(gym.Env[Any, Any]):
@@ -42,8 +57,10 @@ class BEVTownEnv(gym.Env[Any, Any]):
 
     | Key            | Space                               | Meaning                               |
     |----------------|-------------------------------------|---------------------------------------|
-    | `bev`          | `Box(0, 255, (6, 192, 192), uint8)` | bird's-eye view, 0 or 255 per pixel   |
+    | `bev`          | `Box(0, 255, (6, 192, 192), uint8)` | bird's-eye view, 255 certainly there  |
     | `measurements` | `Box((3,), float32)`                | speed in m/s and the last action      |
+    | `cameras`      | `Box(0, 255, (4, H, W, 3), uint8)`  | RGB; only with `cameras=True`         |
+    | `route_map`    | `Box(0, 255, (192, 192), uint8)`    | sparse plan; only with `cameras=True` |
 
     The BEV has 5 px/m and row 0 farthest ahead; the ego's centre is at row 152, column 96, heading
     up: 30.4 m are visible ahead, 8 m behind, 19.2 m to each side.
@@ -53,9 +70,16 @@ class BEVTownEnv(gym.Env[Any, Any]):
     | 0       | `road`        | paved surface, junctions included, sidewalks not                 |
     | 1       | `route`       | planned lane centre, 3.2 m wide, up to 80 m ahead, nothing behind |
     | 2       | `lane`        | lane boundaries: centre line and both edges, none inside junctions |
-    | 3       | `vehicles`    | other vehicles (none in this version)                            |
+    | 3       | `vehicles`    | other vehicles (none in this version; parked ones are scenery)   |
     | 4       | `pedestrians` | pedestrians, half extent at least 0.8 m (none in this version)   |
     | 5       | `lights`      | stop lines whose signal says stop (none in this version)         |
+
+    That is the ground truth. With another `bev_source`, the policy sees what the source makes of
+    the cameras, and nothing else: images of `front`, `left`, `right`, `rear`, nominal intrinsics
+    and extrinsics (`camera_from_ego`), the route map and the measurements (`SensorFrame`). The
+    route map shows the next five points of the sparse plan (junction entries and exits, else at
+    most 50 m apart) as discs of 4 m, displaced by the error of a GPS; where the way to the first
+    one out of view crosses the border, a disc of half the brightness.
 
     ## Rewards
     The sum of five terms, also in `info["reward_terms"]`. Weights by `reward={...}`.
@@ -90,7 +114,7 @@ class BEVTownEnv(gym.Env[Any, Any]):
     | `route_deviation`      | more than 3.5 m from the planned lane centre                      |
     | `collision_vehicle`    | footprints overlap (cannot occur in this version)                 |
     | `collision_pedestrian` | likewise                                                          |
-    | `collision_static`     | likewise                                                          |
+    | `collision_static`     | the footprint overlaps a building, tree, pole or other furniture  |
     | `red_light`            | the front bumper crosses a stop line at red (likewise)            |
     | `blocked`              | slower than 0.1 m/s for 30 s                                      |
 
@@ -113,14 +137,15 @@ class BEVTownEnv(gym.Env[Any, Any]):
     | Keyword          | Default          | Meaning                                               |
     |------------------|------------------|-------------------------------------------------------|
     | `town`           | from the id      | name of a registered town                             |
-    | `render_mode`    | `None`           | `"rgb_array"` or `"human"`: map, BEV, six channels    |
-    | `bev_source`     | `"ground_truth"` | what the policy sees; the only source in this version |
+    | `render_mode`    | `None`           | `"rgb_array"` or `"human"`: map, BEVs, cameras        |
+    | `bev_source`     | `"ground_truth"` | what the policy sees; see below                       |
     | `traffic`        | `"none"`         | other road users; only `"none"` in this version       |
     | `traffic_lights` | `False`          | working signals; only `False` in this version         |
-    | `appearance`     | `"train"`        | look: also `"test"`, `"hard"` or an int (no effect) |
-    | `cameras`        | `False`          | camera images; only `False` in this version           |
-    | `camera_size`    | `(112, 240)`     | height and width of camera images (no effect yet)     |
-    | `camera_motion`  | `True`           | cameras move with the body (no effect yet)            |
+    | `appearance`     | `"train"`        | look of the world: also `"test"`, `"hard"`, or an int |
+    | `cameras`        | `False`          | also observe `cameras` and `route_map`                |
+    | `camera_size`    | `(112, 240)`     | height, width of images; (224, 480) in the paper      |
+    | `camera_motion`  | `True`           | the cameras move a little against the nominal rig     |
+    | `camera_rig`     | four on the roof | sequence of `cameras.rig.Camera`                      |
     | `terminate_on`   | all              | names of the infractions that end an episode          |
     | `max_speed_mps`  | `6.0`            | cruising speed that the reward and the expert aim for |
     | `time_limit_s`   | `None`           | seconds to truncation; None: 30 + 0.8 a route metre   |
@@ -133,16 +158,29 @@ class BEVTownEnv(gym.Env[Any, Any]):
     `max_steering_rad` 1.22, `speed_limit_mps` 40. Of `rules`: `deviation_m` 3.5, `wrong_lane_s` 1,
     `blocked_s` 30, `blocked_mps` 0.1, `success_fraction` 0.99, `success_distance_m` 10.
 
+    `bev_source` is `"ground_truth"`, `"ipm"` (projected cameras and colours, no learning), a name
+    given to `register_bev_source`, `"module:factory"`, the path of a checkpoint, a `BEVSource`
+    object, or a dict per channel such as `{"route": "ground_truth", "default": "ipm"}`. Channels
+    that a source does not predict are 0.
+
+    Each episode draws its look from the set `appearance`: `"train"`; `"test"` with other palettes,
+    weather and light; `"hard"` with night, fog, low sun, dirty lenses and more to hide behind. An
+    int is the seed of one look of `"train"` for all episodes. With `camera_motion` the body
+    pitches and rolls by up to 2 degrees and each camera is mounted a little wrongly; sources are
+    told the nominal rig all the same.
+
     ## Beyond Gymnasium
-    On `env.unwrapped`: `ground_truth_bev()`, `snapshot()` and `restore(s)`, `ego_pose` (x, y,
-    heading), `vehicle_states` (n, 6), `route` (its `points`, `length_m`, `turns`).
+    On `env.unwrapped`: `ground_truth_bev()`, `sensor_frame()`, `snapshot()` and `restore(s)`,
+    `draw()`, `ego_pose` (x, y, heading), `vehicle_states` (n, 6), `route` (its `points`,
+    `length_m`, `turns`).
 
     Raises:
         ValueError: A value is not valid; the message names it and the valid ones.
         TypeError: A keyword does not exist.
+        BEVSourceError: In `reset` or `step`: a BEV source failed, or returned no BEV.
 
     ## Version History
-    * v0: ground-truth BEV, no other actors.
+    * v0: ground-truth BEV, cameras, BEV sources; no other actors.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 10}
@@ -158,8 +196,11 @@ class BEVTownEnv(gym.Env[Any, Any]):
         self.settings = EnvSettings.from_keywords(keywords)
         config = self.settings.world_config()
         self.world = World(compiled_town(town), config)
+        self.sensors = Sensors(self.world, self.settings.camera_settings())
+        self.policy_view = PolicyView(self.settings.bev_source, 1, config.bev.size)
         self.action_space = action_space()
-        self.observation_space = observation_space(config.bev, config.top_speed_mps)
+        images = self.sensors.settings.rig.shape if self.settings.cameras else None
+        self.observation_space = observation_space(config.bev, config.top_speed_mps, images=images)
         self._placed = False
         self._window: Any = None
 
@@ -172,9 +213,14 @@ class BEVTownEnv(gym.Env[Any, Any]):
         route, episode_id = choose_route(self.world.town, options, self.np_random)
         self.world.place(0, route, episode_id)
         self._placed = True
+        self._restart_view()
+        observation = self._observe()
         if self.render_mode == "human":
             self.render()
-        return self._observe(), step_info(self.world, 0)
+        return observation, step_info(self.world, 0)
+
+    def _restart_view(self) -> None:
+        self.policy_view.reset(0, int(self.world.state.episode_seed[0]))
 
     def step(
         self, action: NDArray[np.float32]
@@ -194,18 +240,41 @@ class BEVTownEnv(gym.Env[Any, Any]):
         info["reward_terms"] = reward_terms(world, 0)
         if terminated or truncated:
             info["episode_summary"] = episode_summary(world, 0)
+        observation = self._observe()
         if self.render_mode == "human":
             self.render()
-        return self._observe(), float(world.rewards[0]), terminated, truncated, info
+        return observation, float(world.rewards[0]), terminated, truncated, info
 
     def _require_reset(self, what: str) -> None:
         if not self._placed:
             raise gym.error.ResetNeeded(f"call reset() before {what}")
 
-    def _observe(self) -> Observation:
-        ego, command = self.world.state.ego[0], self.world.state.command[0]
-        measurements = np.array([ego[SPEED], command[0], command[1]], dtype=np.float32)
-        return {"bev": self.ground_truth_bev(), "measurements": measurements}
+    def _observe(self, bev: NDArray[np.uint8] | None = None) -> Observation:
+        """What the policy is given now; a BEV that is known already is not asked for again."""
+        frame = None
+        if self.settings.cameras or (bev is None and self.policy_view.needs_frame):
+            frame = self.sensors.frame(0)
+        observation: Observation = {}
+        if self.settings.cameras:
+            assert frame is not None
+            # copies: what a source does to its frame must not reach the policy
+            observation["cameras"] = frame.images.copy()
+            observation["route_map"] = frame.route_map.copy()
+        observation["bev"] = self._policy_bev(frame) if bev is None else bev
+        observation["measurements"] = self.sensors.measurements()[0]
+        return observation
+
+    def _policy_bev(self, frame: SensorFrame | None) -> NDArray[np.uint8]:
+        view = self.policy_view
+        if view.is_truth:
+            return self.ground_truth_bev()
+        truth = self.ground_truth_bev()[None] if view.needs_truth else None
+
+        def frame_of(_: int) -> SensorFrame:
+            assert frame is not None
+            return frame
+
+        return view.observe([0], frame_of, truth)[0]
 
     def ground_truth_bev(self) -> NDArray[np.uint8]:
         """The true BEV (6, size, size) uint8 of this moment, newly made."""
@@ -213,6 +282,15 @@ class BEVTownEnv(gym.Env[Any, Any]):
         bev = np.empty((1, *self.world.bev_shape), np.uint8)
         self.world.render(bev)
         return bev[0]
+
+    def sensor_frame(self) -> SensorFrame:
+        """What the car senses at this moment: all that a predictor is given.
+
+        Raises:
+            gymnasium.error.ResetNeeded: ``reset`` was never called.
+        """
+        self._require_reset("sensor_frame()")
+        return self.sensors.frame(0)
 
     @property
     def ego_pose(self) -> tuple[float, float, float]:
@@ -239,20 +317,22 @@ class BEVTownEnv(gym.Env[Any, Any]):
         assert route is not None
         return route
 
-    def snapshot(self) -> WorldSnapshot:
-        """Copy the state of the world, random generator included.
+    def snapshot(self) -> EnvSnapshot:
+        """Copy the state of the world, random generator included, and of the BEV sources.
 
         Raises:
             gymnasium.error.ResetNeeded: ``reset`` was never called.
         """
         self._require_reset("snapshot()")
-        return self.world.snapshot()
+        view = None if self.policy_view.is_truth else self.policy_view.snapshot()
+        return EnvSnapshot(**vars(self.world.snapshot()), policy_view=view)
 
     def restore(self, snapshot: WorldSnapshot) -> Observation:
         """Go back to a snapshot and return the observation there.
 
         Gymnasium's wrappers know nothing of it: a fresh ``gym.make`` environment wants ``reset``
-        once before, and ``TimeLimit`` goes on counting (use ``time_limit_s`` instead).
+        once before, and ``TimeLimit`` goes on counting (use ``time_limit_s`` instead). A snapshot
+        taken with another ``bev_source`` can be restored too: its sources start anew here.
 
         Raises:
             TypeError: It is not a snapshot of a ``BEVTownEnv``.
@@ -261,17 +341,30 @@ class BEVTownEnv(gym.Env[Any, Any]):
         self.world.restore(snapshot)
         self._np_random = self.world.rngs[0]
         self._placed = True
+        if self.policy_view.restore(getattr(snapshot, "policy_view", None)):
+            return self._observe(self.policy_view.last()[0])
+        self._restart_view()
         return self._observe()
 
+    def draw(self) -> NDArray[np.uint8]:
+        """Draw map, cameras, route map, the policy's BEV and the true one: RGB (H, W, 3).
+
+        Raises:
+            gymnasium.error.ResetNeeded: ``reset`` was never called.
+        """
+        self._require_reset("draw()")
+        from .render import draw_panel
+
+        bev = self.ground_truth_bev() if self.policy_view.is_truth else self.policy_view.last()[0]
+        return draw_panel(self.sensors, 0, bev)
+
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the town map and the BEV: an RGB image (H, W, 3), or a window for ``"human"``."""
+        """The picture of ``draw()``, or the same in a window for ``"human"``."""
         if self.render_mode is None:
             gym.logger.warn('render() needs gym.make(..., render_mode="rgb_array" or "human")')
             return None
         self._require_reset("render()")
-        from .render import draw_panel
-
-        frame = draw_panel(self.world, 0)
+        frame = self.draw()
         if self.render_mode == "rgb_array":
             return frame
         if self._window is None:
@@ -280,6 +373,17 @@ class BEVTownEnv(gym.Env[Any, Any]):
             self._window = Window(f"BEVTown: {self.world.town.name}", self.metadata["render_fps"])
         self._window.show(frame)
         return None
+
+    def pressed_keys(self) -> set[str]:
+        """Names of the keys held down in the window of ``render_mode="human"``.
+
+        Raises:
+            RuntimeError: There is no window yet: nothing has been rendered, or not for a person.
+        """
+        if self._window is None:
+            raise RuntimeError('pressed_keys() needs render_mode="human" and a first reset()')
+        pressed: set[str] = self._window.pressed()
+        return pressed
 
     def close(self) -> None:
         """Close the window, if there is one."""

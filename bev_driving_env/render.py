@@ -16,6 +16,7 @@ from .towns.compiled import CompiledTown
 from .towns.raster import MARGIN_M
 
 if TYPE_CHECKING:
+    from .sensors import Sensors
     from .world.core import World
 
 Image = NDArray[np.uint8]
@@ -37,7 +38,7 @@ JUNCTION: Colour = (116, 118, 124)
 LINE: Colour = (245, 245, 240)
 INK: Colour = (20, 24, 32)
 EGO: Colour = (40, 200, 90)
-PANEL_PX = 576
+PANEL_PX = 420
 CAPTION_PX = 28
 
 
@@ -140,14 +141,66 @@ def write(image: Image, text: str, origin: tuple[int, int], scale: float = 0.45)
     cv2.putText(image, text, origin, font, scale, INK, 1, cv2.LINE_AA)
 
 
-def draw_panel(world: World, n: int) -> Image:
-    """The picture of one world: the town map, the BEV in colour, and its six channels."""
-    bev = np.zeros((len(world), *world.bev_shape), np.uint8)
+def draw_panel(sensors: Sensors, n: int, policy_bev: Image) -> Image:
+    """The picture of one world: town map, what the policy sees, the truth, cameras, route map.
+
+    Args:
+        sensors: Sensors of the worlds.
+        n: Which world.
+        policy_bev: (6, size, size) what its policy saw last.
+
+    Returns:
+        RGB image (H, W, 3).
+    """
+    world, side = sensors.world, PANEL_PX
     selected = np.arange(len(world)) == n
-    world.render(bev, selected)
-    side = PANEL_PX
+    truth = np.zeros((len(world), *world.bev_shape), np.uint8)
+    world.render(truth, selected)
+    top = [
+        _labelled(_map_panel(world, n, side), world.town.name),
+        _labelled(_bev_panel(world, policy_bev, side), "BEV, what the policy sees"),
+        _labelled(_bev_panel(world, truth[n], side), "BEV, truth"),
+    ]
+    size = side * 7 // 15, side
+    tiles = [_fit(image, size, name) for name, image in _views(sensors, n)]
+    route_map = sensors.route_maps(selected)[n]
+    tiles.append(_fit(np.repeat(route_map[..., None], 3, axis=2), size, "route map"))
+    tiles.append(_channels(policy_bev, size))
+    tiles += [np.full((*size, 3), 24, np.uint8)] * (-len(tiles) % 3)
+    rows = [np.hstack(tiles[k : k + 3]) for k in range(0, len(tiles), 3)]
+    panels = np.vstack([np.hstack(top), *rows])
+    return np.vstack([panels, _caption(world, n, panels.shape[1])])
+
+
+def _labelled(image: Image, text: str) -> Image:
+    image[:, -1:] = image[-1:] = 90
+    write(image, text, (6, 16), 0.4)
+    return image
+
+
+def _views(sensors: Sensors, n: int) -> list[tuple[str, Image]]:
+    """Names and images of the cameras, from the one that looks left round to the rear."""
+    cameras = sensors.settings.rig.cameras
+    order = sorted(range(len(cameras)), key=lambda k: (135.0 - cameras[k].yaw_deg) % 360.0)
+    images = sensors.images(n)
+    return [(cameras[k].name, images[k]) for k in order]
+
+
+def _fit(image: Image, size: tuple[int, int], name: str) -> Image:
+    """An image scaled into a tile (height, width), in the middle, with its name."""
+    tile: Image = np.full((*size, 3), 24, np.uint8)
+    scale = min(size[0] / image.shape[0], size[1] / image.shape[1])
+    height, width = round(image.shape[0] * scale), round(image.shape[1] * scale)
+    scaled = cv2.resize(image, (width, height), interpolation=cv2.INTER_LINEAR)
+    top, left = (size[0] - height) // 2, (size[1] - width) // 2
+    tile[top : top + height, left : left + width] = scaled
+    return _labelled(tile, name)
+
+
+def _bev_panel(world: World, bev: Image, side: int) -> Image:
+    """A BEV in colour with the ego's footprint, as a square."""
     view: Image = np.asarray(
-        cv2.resize(bev_image(bev[n]), (side, side), interpolation=cv2.INTER_NEAREST), np.uint8
+        cv2.resize(bev_image(bev), (side, side), interpolation=cv2.INTER_NEAREST), np.uint8
     )
     ego_px = world.config.bev.pixel_from_ego(
         footprint((0.0, 0.0, 0.0), world.config.vehicle.length_m, world.config.vehicle.width_m)
@@ -155,8 +208,7 @@ def draw_panel(world: World, n: int) -> Image:
     )
     corners = ((ego_px + 0.5) * side / world.config.bev.size * 16.0).round().astype(np.int32)
     cv2.fillPoly(view, [corners], EGO, cv2.LINE_AA, 4)
-    panels = np.hstack([_map_panel(world, n, side), view, _channel_column(bev[n], side)])
-    return np.vstack([panels, _caption(world, n, panels.shape[1])])
+    return view
 
 
 def _caption(world: World, n: int, width: int) -> Image:
@@ -195,14 +247,15 @@ def _map_panel(world: World, n: int, side: int) -> Image:
     return panel
 
 
-def _channel_column(bev: Image, side: int) -> Image:
-    """The six channels as small pictures in two columns of three."""
-    tile = side // 3
-    tiles = []
-    for name, plane in zip(CHANNELS, bev, strict=True):
-        grey = cv2.resize(plane, (tile, tile), interpolation=cv2.INTER_AREA)
+def _channels(bev: Image, size: tuple[int, int]) -> Image:
+    """The six channels as small pictures in two rows of three."""
+    tile: Image = np.full((*size, 3), 24, np.uint8)
+    side = min(size[0] // 2, size[1] // 3)
+    for k, (name, plane) in enumerate(zip(CHANNELS, bev, strict=True)):
+        grey = cv2.resize(plane, (side, side), interpolation=cv2.INTER_AREA)
         image: Image = np.repeat(np.asarray(grey, np.uint8)[..., None], 3, axis=2)
+        top, left = k // 3 * side, k % 3 * side + (size[1] - 3 * side) // 2
         image[:, -1:] = image[-1:] = 90
-        write(image, name, (6, 16), 0.4)
-        tiles.append(image)
-    return np.vstack([np.hstack(tiles[k : k + 2]) for k in (0, 2, 4)])
+        write(image, name, (4, 13), 0.34)
+        tile[top : top + side, left : left + side] = image
+    return tile

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from typing import Any
 
+from .cameras.look import APPEARANCES
+from .cameras.renderer import CameraSettings
+from .cameras.rig import CAMERA_SIZE, SURROUND, Camera, CameraRig
 from .checks import configured, is_int, require_positive
-from .frames import CHANNELS, BEVGeometry
+from .frames import BEVGeometry
+from .sources.policy_view import channel_specs
 from .world.config import RewardWeights, Rules, VehicleModel, WorldConfig
 from .world.infractions import INFRACTIONS
 
-BEV_SOURCES = ("ground_truth",)
 TRAFFIC = ("none",)
-APPEARANCES = ("train", "test", "hard")
 
 
 @dataclass(frozen=True)
@@ -22,13 +24,14 @@ class EnvSettings:
     """Keywords of the environments; the table in ``BEVTownEnv`` explains them.
 
     Attributes:
-        bev_source: What the policy sees: the name of a source, or a dict per channel.
+        bev_source: What the policy sees: a name, checkpoint path or object, or a dict per channel.
         traffic: Other road users.
         traffic_lights: Working signals.
         appearance: Look of the world for the cameras.
         cameras: Whether camera images are observed.
         camera_size: Height and width of each image.
-        camera_motion: Whether the cameras move with the body.
+        camera_motion: Whether the body pitches and rolls and the mounting is a little off.
+        camera_rig: The cameras, in the order of the images.
         terminate_on: Infractions that end the episode; None for all.
         max_speed_mps: Cruising speed of the expert and the reward.
         time_limit_s: Simulated seconds until truncation; None for 30 s plus 0.8 s a route metre.
@@ -38,13 +41,14 @@ class EnvSettings:
         reward: Reward weights, or a mapping of its fields.
     """
 
-    bev_source: str | Mapping[str, str] = "ground_truth"
+    bev_source: Any = "ground_truth"
     traffic: str | Mapping[str, int] = "none"
     traffic_lights: bool = False
     appearance: str | int = "train"
     cameras: bool = False
-    camera_size: tuple[int, int] = (112, 240)
+    camera_size: tuple[int, int] = CAMERA_SIZE
     camera_motion: bool = True
+    camera_rig: Sequence[Camera] = SURROUND
     terminate_on: Collection[str] | None = None
     max_speed_mps: float = 6.0
     time_limit_s: float | None = None
@@ -74,18 +78,17 @@ class EnvSettings:
         return cls(**keywords)
 
     def __post_init__(self) -> None:
-        self._check_bev_source()
+        channel_specs(self.bev_source)
         if self.traffic not in TRAFFIC:
             raise ValueError(
                 f"traffic={self.traffic!r} is not available in this version; "
                 f"choose one of: {', '.join(TRAFFIC)}"
             )
-        for name in ("traffic_lights", "cameras"):
-            if getattr(self, name) is not False:
-                raise ValueError(
-                    f"{name}={getattr(self, name)!r} is not available in this version; "
-                    f"leave it at False"
-                )
+        if self.traffic_lights is not False:
+            raise ValueError(
+                f"traffic_lights={self.traffic_lights!r} is not available in this version; "
+                f"leave it at False"
+            )
         self._check_cameras()
         require_positive("max_speed_mps", self.max_speed_mps)
         names = self.terminate_on
@@ -96,39 +99,26 @@ class EnvSettings:
             )
 
     def _check_cameras(self) -> None:
-        if self.appearance not in APPEARANCES and not is_int(self.appearance):
+        if self.appearance not in APPEARANCES and not (
+            is_int(self.appearance) and int(self.appearance) >= 0
+        ):
             raise ValueError(
-                f"appearance must be an int seed or one of {', '.join(APPEARANCES)}, "
+                f"appearance must be an int seed of at least 0 or one of {', '.join(APPEARANCES)}, "
                 f"got {self.appearance!r}"
             )
-        size = tuple(self.camera_size) if isinstance(self.camera_size, Collection) else ()
-        if len(size) != 2 or not all(is_int(side) and side >= 16 for side in size):
-            raise ValueError(
-                f"camera_size must be (height, width) of at least 16 px, got {self.camera_size!r}"
-            )
-        if not isinstance(self.camera_motion, bool):
-            raise ValueError(f"camera_motion must be True or False, got {self.camera_motion!r}")
+        for name in ("cameras", "camera_motion"):
+            if not isinstance(getattr(self, name), bool):
+                raise ValueError(f"{name} must be True or False, got {getattr(self, name)!r}")
+        self.camera_settings()
 
-    def _check_bev_source(self) -> None:
-        source = self.bev_source
-        if not isinstance(source, Mapping):
-            source = {"default": source}
-        for channel in source:
-            if channel not in (*CHANNELS, "default"):
-                raise ValueError(
-                    f"unknown channel {channel!r} in bev_source; "
-                    f"channels: {', '.join(CHANNELS)}, or 'default'"
-                )
-        missing = [name for name in CHANNELS if name not in source]
-        if missing and "default" not in source:
-            raise ValueError(
-                f"bev_source names no source for channel {missing[0]!r}; add it or a 'default'"
-            )
-        for name in source.values():
-            if name not in BEV_SOURCES:
-                raise ValueError(
-                    f"unknown bev_source {name!r}; available sources: {', '.join(BEV_SOURCES)}"
-                )
+    def camera_settings(self) -> CameraSettings:
+        """How the cameras see, as these settings ask for."""
+        appearance = self.appearance
+        return CameraSettings(
+            rig=CameraRig(self.camera_rig, self.camera_size),
+            appearance=appearance if isinstance(appearance, str) else int(appearance),
+            motion=self.camera_motion,
+        )
 
     def world_config(self) -> WorldConfig:
         """The configuration of the world core that these settings ask for."""
@@ -136,6 +126,7 @@ class EnvSettings:
             cruise_speed_mps=self.max_speed_mps,
             terminate_on=tuple(INFRACTIONS if self.terminate_on is None else self.terminate_on),
             time_limit_s=self.time_limit_s,
+            dense_furniture=self.appearance == "hard",
             vehicle=configured(VehicleModel, self.vehicle),
             rules=configured(Rules, self.rules),
             reward=configured(RewardWeights, self.reward),

@@ -17,14 +17,23 @@ def action_space() -> gym.spaces.Box:
 
 
 def observation_space(
-    bev: BEVGeometry, max_speed_mps: float, min_speed_mps: float = 0.0
+    bev: BEVGeometry,
+    max_speed_mps: float,
+    min_speed_mps: float = 0.0,
+    images: tuple[int, ...] | None = None,
 ) -> gym.spaces.Dict:
     """``bev`` (6, size, size) uint8 in 0..255 and ``measurements`` (3,) float32.
 
-    The speeds are bounds that are never exceeded.
+    With the shape of camera images (C, H, W, 3), also ``cameras`` uint8 and ``route_map``
+    (size, size) uint8. The speeds are bounds that are never exceeded.
     """
+    sensed = {}
+    if images is not None:
+        sensed["cameras"] = gym.spaces.Box(0, 255, images, np.uint8)
+        sensed["route_map"] = gym.spaces.Box(0, 255, (bev.size, bev.size), np.uint8)
     return gym.spaces.Dict(
         {
+            **sensed,
             "bev": gym.spaces.Box(0, 255, (len(CHANNELS), bev.size, bev.size), np.uint8),
             "measurements": gym.spaces.Box(
                 np.array([min_speed_mps, -1.0, -1.0], np.float32),

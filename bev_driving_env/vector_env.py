@@ -16,8 +16,11 @@ from numpy.typing import NDArray
 from .checks import require_count
 from .episodes import choose_route
 from .info import REWARD_TERM_NAMES, episode_summary, reward_terms, step_info
-from .kernels.layout import LATERAL, ROUTE_DONE, SPEED, X
+from .kernels.layout import LATERAL, ROUTE_DONE, X
+from .sensors import Sensors
 from .settings import EnvSettings
+from .sources.policy_view import PolicySnapshot, PolicyView
+from .sources.protocol import SensorFrame
 from .spaces import action_space, checked_actions, observation_space
 from .towns.registry import compiled_town
 from .world.core import World, WorldSnapshot
@@ -29,10 +32,11 @@ Mask = NDArray[np.bool_]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class VectorSnapshot:
-    """State of all worlds and which of them wait for their automatic reset."""
+    """State of all worlds, which of them wait for their automatic reset, and the BEV sources."""
 
     world: WorldSnapshot
     ended: Mask
+    policy_view: PolicySnapshot | None = None
 
 
 class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
@@ -85,9 +89,14 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         self.settings = EnvSettings.from_keywords(keywords)
         config = self.settings.world_config()
         self.world = World(compiled_town(town), config, num_envs)
+        self.sensors = Sensors(self.world, self.settings.camera_settings())
+        self.policy_view = PolicyView(self.settings.bev_source, self.num_envs, config.bev.size)
         self._max_episode_steps = max_episode_steps
         self.single_action_space = action_space()
-        self.single_observation_space = observation_space(config.bev, config.top_speed_mps)
+        images = self.sensors.settings.rig.shape if self.settings.cameras else None
+        self.single_observation_space = observation_space(
+            config.bev, config.top_speed_mps, images=images
+        )
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self._ended = np.ones(num_envs, np.bool_)
@@ -113,7 +122,7 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
             if seeds[i] is not None or not self._placed[i]:
                 self.world.rngs[i], _ = seeding.np_random(seeds[i])
             self._start(int(i), options)
-        return self._observe(), self._infos(np.zeros(self.num_envs, np.bool_), mask)
+        return self._observe(mask), self._infos(np.zeros(self.num_envs, np.bool_), mask)
 
     def _reset_mask(self, mask: Any) -> Mask:
         if mask is None:
@@ -144,6 +153,7 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
             self.world.state.time_limit[i] = limit
         self._ended[i] = False
         self._placed[i] = True
+        self.policy_view.reset(i, int(self.world.state.episode_seed[i]))
 
     def step(
         self, actions: NDArray[np.float32]
@@ -201,14 +211,37 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
             self._start(i)
         return finals
 
-    def _observe(self, selected: Mask | None = None) -> BatchedObservation:
-        state = self.world.state
-        bev = np.empty((self.num_envs, *self.world.bev_shape), np.uint8)
-        self.world.render(bev, selected)
-        measurements = np.empty((self.num_envs, 3), np.float32)
-        measurements[:, 0] = state.ego[:, SPEED]
-        measurements[:, 1:] = state.command
-        return {"bev": bev, "measurements": measurements}
+    def _observe(self, fresh: Mask | None = None) -> BatchedObservation:
+        """What the policies are given now.
+
+        Args:
+            fresh: Worlds in which time has passed, all if None. In the others the policy sees what
+                it saw last, so that no source is asked twice about one moment.
+        """
+        frames: dict[int, SensorFrame] = {}
+        worlds = range(self.num_envs) if fresh is None else np.flatnonzero(fresh).tolist()
+        if self.settings.cameras or self.policy_view.needs_frame:
+            everyone = range(self.num_envs) if self.settings.cameras else worlds
+            frames = {n: self.sensors.frame(n) for n in everyone if self._placed[n]}
+        observation: BatchedObservation = {}
+        if self.settings.cameras:
+            size = self.world.config.bev.size
+            shapes = {"cameras": self.sensors.settings.rig.shape, "route_map": (size, size)}
+            for key, shape in shapes.items():
+                observation[key] = np.zeros((self.num_envs, *shape), np.uint8)
+            for n, frame in frames.items():
+                observation["cameras"][n] = frame.images
+                observation["route_map"][n] = frame.route_map
+        observation["bev"] = self._policy_bev(list(worlds), frames)
+        observation["measurements"] = self.sensors.measurements()
+        return observation
+
+    def _policy_bev(self, worlds: list[int], frames: dict[int, SensorFrame]) -> NDArray[np.uint8]:
+        view = self.policy_view
+        if view.is_truth:
+            return self.ground_truth_bev()
+        truth = self.ground_truth_bev() if view.needs_truth else None
+        return view.observe(worlds, frames.__getitem__, truth)
 
     def _infos(self, stepped: Mask, reported: Mask) -> dict[str, Any]:
         """Arrays over the worlds, each with the mask of the worlds it holds for."""
@@ -241,7 +274,19 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
 
     def ground_truth_bev(self) -> NDArray[np.uint8]:
         """The true BEVs (num_envs, 6, size, size) uint8 of this moment, newly made."""
-        return self._observe()["bev"]
+        bev = np.empty((self.num_envs, *self.world.bev_shape), np.uint8)
+        self.world.render(bev)
+        return bev
+
+    def sensor_frames(self) -> list[SensorFrame]:
+        """What each car senses at this moment.
+
+        Raises:
+            gymnasium.error.ResetNeeded: A world was never reset.
+        """
+        if not self._placed.all():
+            raise gym.error.ResetNeeded("call reset() before sensor_frames()")
+        return [self.sensors.frame(n) for n in range(self.num_envs)]
 
     def snapshot(self) -> VectorSnapshot:
         """Copy the state of all worlds, random generators included.
@@ -251,7 +296,8 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         """
         if not self._placed.all():
             raise gym.error.ResetNeeded("call reset() before snapshot()")
-        return VectorSnapshot(self.world.snapshot(), self._ended.copy())
+        view = None if self.policy_view.is_truth else self.policy_view.snapshot()
+        return VectorSnapshot(self.world.snapshot(), self._ended.copy(), view)
 
     def restore(self, snapshot: VectorSnapshot) -> BatchedObservation:
         """Go back to a snapshot and return the observations there.
@@ -265,6 +311,10 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         self.world.restore(snapshot.world)
         self._ended = snapshot.ended.copy()
         self._placed[:] = True
+        if self.policy_view.restore(snapshot.policy_view):
+            return self._observe(np.zeros(self.num_envs, np.bool_))
+        for n in range(self.num_envs):
+            self.policy_view.reset(n, int(self.world.state.episode_seed[n]))
         return self._observe()
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
@@ -274,7 +324,9 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
             return None
         from .render import draw_panel
 
-        return tuple(draw_panel(self.world, i) for i in range(self.num_envs))
+        view = self.policy_view
+        bev = self.ground_truth_bev() if view.is_truth else view.last()
+        return tuple(draw_panel(self.sensors, i, bev[i]) for i in range(self.num_envs))
 
 
 def _autoreset_mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -8,6 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+KEY_NAMES = (
+    *("up", "down", "left", "right", "space", "escape"),
+    *("w", "a", "s", "d", "q", "r", "n"),
+)
+"""The keys that are asked for."""
+
 
 class Window:
     """Shows RGB frames with pygame, at no more than a given rate.
@@ -48,6 +54,14 @@ class Window:
         self._screen.blit(surface, (0, 0))
         pygame.display.flip()
         self._clock.tick(self._fps)
+
+    def pressed(self) -> set[str]:
+        """Names of the keys held down; ``"escape"`` too once the window's cross was clicked."""
+        pygame = self._pygame
+        closing = any(event.type == pygame.QUIT for event in pygame.event.get())
+        held = pygame.key.get_pressed()
+        names = {name for name in KEY_NAMES if held[pygame.key.key_code(name)]}
+        return names | {"escape"} if closing else names
 
     def close(self) -> None:
         """Close the window."""

@@ -7,7 +7,12 @@ import math
 from numpy.typing import NDArray
 
 from .jit import kernel
-from .layout import HEADING, SPEED, X, Y
+from .layout import HEADING, PITCH, ROLL, SPEED, X, Y
+
+LEAN_RAD_PER_MPS2 = math.radians(0.4)
+"""How far the body pitches or rolls per acceleration: 2 degrees under full braking."""
+MOST_LEAN_RAD = math.radians(2.0)
+LEAN_TIME_S = 0.3
 
 
 @kernel
@@ -41,3 +46,17 @@ def advance(
         ego[SPEED] = 0.0  # the sum below would leave a rest of 1e-17, of either sign
     else:
         ego[SPEED] += acceleration_mps2 * dt_s
+
+
+@kernel
+def sway(attitude: NDArray, acceleration_mps2: float, lateral_mps2: float, dt_s: float) -> None:
+    """Move the body's pitch and roll (2,) towards what the accelerations ask for, in place.
+
+    Braking lowers the nose; a right turn, whose acceleration is positive, lowers the left side.
+    The angles follow with a lag of 0.3 s and never exceed 2 degrees.
+    """
+    pitch = min(max(-acceleration_mps2 * LEAN_RAD_PER_MPS2, -MOST_LEAN_RAD), MOST_LEAN_RAD)
+    roll = min(max(-lateral_mps2 * LEAN_RAD_PER_MPS2, -MOST_LEAN_RAD), MOST_LEAN_RAD)
+    share = dt_s / LEAN_TIME_S if dt_s < LEAN_TIME_S else 1.0
+    attitude[PITCH] += share * (pitch - attitude[PITCH])
+    attitude[ROLL] += share * (roll - attitude[ROLL])

@@ -23,6 +23,9 @@ ROUTE_COLUMNS = 4
 ROUTE_POSITION, ROUTE_DONE, LATERAL, HEADING_ERROR, DISTANCE = 0, 1, 2, 3, 4
 PROGRESS_COLUMNS = 5
 
+# attitude (N, 2): radians, nose down and right side down
+PITCH, ROLL = 0, 1
+
 # timers (N, 2)
 WRONG_LANE_S, STOPPED_S = 0, 1
 TIMERS = 2

@@ -5,12 +5,14 @@ from __future__ import annotations
 from numpy.typing import NDArray
 
 from .detect import is_against_traffic, is_deviating, is_off_road, is_standing
-from .dynamics import advance, braked
+from .dynamics import advance, braked, sway
 from .jit import kernel
 from .layout import (
     ACCELERATION,
     BLOCKED,
+    COLLISION_STATIC,
     DISTANCE,
+    HEADING,
     OFF_ROAD,
     ROUTE_DEVIATION,
     ROUTE_DONE,
@@ -24,6 +26,7 @@ from .layout import (
     X,
     Y,
 )
+from .overlap import SolidGrid, hits_any
 from .progress import update_progress
 from .reward import fill_reward_terms
 
@@ -35,6 +38,10 @@ def current_infractions(
     classes_grid: RasterGrid,
     directions: NDArray,
     directions_grid: RasterGrid,
+    solids: NDArray,
+    solid_start: NDArray,
+    solid_items: NDArray,
+    solid_grid: SolidGrid,
     ego: NDArray,
     progress: NDArray,
     timers: NDArray,
@@ -44,6 +51,16 @@ def current_infractions(
     rounding_s = 0.5 * physics.dt_s  # timers add up many small steps
     if is_off_road(classes, classes_grid, ego, physics.half_length_m, physics.half_width_m):
         holding |= OFF_ROAD
+    if hits_any(
+        solids,
+        solid_start,
+        solid_items,
+        solid_grid,
+        ego,
+        physics.half_length_m,
+        physics.half_width_m,
+    ):
+        holding |= COLLISION_STATIC
     if is_deviating(progress[DISTANCE], physics.deviation_m):
         holding |= ROUTE_DEVIATION
     if is_against_traffic(directions, directions_grid, ego):
@@ -68,6 +85,10 @@ def step_worlds(
     classes_grid: RasterGrid,
     directions: NDArray,
     directions_grid: RasterGrid,
+    solids: NDArray,
+    solid_start: NDArray,
+    solid_items: NDArray,
+    solid_grid: SolidGrid,
     running: NDArray,
     actions: NDArray,
     ego: NDArray,
@@ -78,6 +99,7 @@ def step_worlds(
     route_length: NDArray,
     progress: NDArray,
     timers: NDArray,
+    attitude: NDArray,
     holding: NDArray,
     steps: NDArray,
     returns: NDArray,
@@ -94,6 +116,10 @@ def step_worlds(
         classes_grid: Where it lies.
         directions: Raster of lane directions (rows, columns) uint8.
         directions_grid: Where it lies.
+        solids: (F, 5) footprints of furniture (``towns.solids``), likewise the next three.
+        solid_start: (cells + 1,).
+        solid_items: (M,).
+        solid_grid: Where the cells lie.
         running: (N,) bool; a world that is not running keeps its state.
         actions: (N, 2) in [-1, 1]: acceleration, steering.
         ego: (N, 4).
@@ -104,6 +130,7 @@ def step_worlds(
         route_length: (N,) metres.
         progress: (N, 5).
         timers: (N, 2).
+        attitude: (N, 2).
         holding: (N,) infraction bits that hold.
         steps: (N,) control steps since reset.
         returns: (N,) sum of rewards since reset.
@@ -126,7 +153,10 @@ def step_worlds(
                 physics.speed_limit_mps,
                 physics.dt_s,
             )
+            speed, heading = car[SPEED], car[HEADING]
             advance(car, acceleration, steering, physics.half_length_m, physics.dt_s)
+            lateral = speed * (car[HEADING] - heading) / physics.dt_s
+            sway(attitude[n], (car[SPEED] - speed) / physics.dt_s, lateral, physics.dt_s)
             update_progress(car, points, size, route_spacing[n], progress[n])
             now = current_infractions(
                 physics,
@@ -134,6 +164,10 @@ def step_worlds(
                 classes_grid,
                 directions,
                 directions_grid,
+                solids,
+                solid_start,
+                solid_items,
+                solid_grid,
                 car,
                 progress[n],
                 timers[n],

@@ -6,15 +6,21 @@ import dataclasses
 import functools
 import math
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from highway_env.road.lane import AbstractLane, CircularLane, LineType, StraightLane
 from highway_env.road.road import LaneIndex, RoadNetwork
 from numpy.typing import NDArray
 
+from .furniture import Prop, furnish
+from .ground import Ground, build_ground
 from .network import CrossSection, Signal, TownNetwork
 from .raster import Raster, rasterize_classes, rasterize_directions
+from .solids import Solids, index_solids
+
+if TYPE_CHECKING:
+    from ..kernels.camera import Scenery
 
 RULES_PX_PER_M = 10.0
 """Resolution at which the rules see the road, whatever the resolution of the BEV."""
@@ -39,6 +45,7 @@ class Lane:
         points: (M, 4) lane centre x, y and unit direction.
         half_width: (M,) metres.
         lines: Whether there is a boundary line on the left and on the right.
+        striped: Whether they are broken lines.
         speed_limit_mps: Speed limit.
         in_junction: Whether the lane lies inside a junction.
     """
@@ -48,6 +55,7 @@ class Lane:
     points: NDArray[np.float64]
     half_width: NDArray[np.float64]
     lines: tuple[bool, bool]
+    striped: tuple[bool, bool]
     speed_limit_mps: float
     in_junction: bool = False
 
@@ -103,6 +111,9 @@ class CompiledTown:
     cross_section: CrossSection
     signals: tuple[Signal, ...]
     stop_lines: NDArray[np.float64]
+    _furniture: dict[bool, tuple[Prop, ...]] = field(default_factory=dict, repr=False)
+    _solids: dict[bool, Solids] = field(default_factory=dict, repr=False)
+    _scenery: dict[bool, Scenery] = field(default_factory=dict, repr=False)
     _rasters: dict[tuple[float, float], Raster] = field(default_factory=dict, repr=False)
 
     def __reduce__(self) -> Any:
@@ -128,6 +139,33 @@ class CompiledTown:
                 self.lanes, self.cross_section, self.bounds, px_per_m, line_m
             )
         return self._rasters[key]
+
+    def furniture(self, *, dense: bool = False) -> tuple[Prop, ...]:
+        """Buildings, trees and the like beside the roads, placed on first use."""
+        if dense not in self._furniture:
+            self._furniture[dense] = furnish(self, dense=dense)
+        return self._furniture[dense]
+
+    def solids(self, *, dense: bool = False) -> Solids:
+        """The furniture's footprints, indexed for collision tests; made on first use."""
+        if dense not in self._solids:
+            props = self.furniture(dense=dense)
+            boxes = [(p.x, p.y, p.heading, p.length_m, p.width_m) for p in props]
+            self._solids[dense] = index_solids(np.array(boxes, np.float64).reshape(-1, 5))
+        return self._solids[dense]
+
+    def scenery(self, *, dense: bool = False) -> Scenery:
+        """The shapes that cameras see of the furniture, made on first use."""
+        if dense not in self._scenery:
+            from ..cameras.scenery import build_scenery
+
+            self._scenery[dense] = build_scenery(self, self.furniture(dense=dense))
+        return self._scenery[dense]
+
+    @functools.cached_property
+    def ground(self) -> Ground:
+        """The ground as cameras see it, painted on first use."""
+        return build_ground(self)
 
     @functools.cached_property
     def directions(self) -> Raster:
@@ -222,6 +260,7 @@ def _sample(index: LaneIndex, lane: AbstractLane) -> Lane:
         points=np.column_stack([centers, np.cos(headings), np.sin(headings)]),
         half_width=np.array([lane.width_at(s) for s in where], dtype=np.float64) / 2.0,
         lines=(lane.line_types[0] != LineType.NONE, lane.line_types[1] != LineType.NONE),
+        striped=(lane.line_types[0] == LineType.STRIPED, lane.line_types[1] == LineType.STRIPED),
         speed_limit_mps=20.0 if limit is None else float(limit),
     )
 

@@ -65,7 +65,7 @@ def rasterize_classes(
     Raises:
         ValueError: The raster would have more than 2^30 pixels.
     """
-    raster = _blank(bounds, px_per_m)
+    raster = blank_raster(bounds, px_per_m)
     paved = cross_section.shoulder_m
     walked = paved + cross_section.sidewalk_m
     if cross_section.sidewalk_m > 0.0:
@@ -93,7 +93,7 @@ def rasterize_directions(
     Returns:
         Pixels are ``NO_LANE``, or 1 + the lane's heading in 255ths of a turn.
     """
-    raster = _blank(bounds, px_per_m)
+    raster = blank_raster(bounds, px_per_m)
     for lane in lanes:
         if not lane.in_junction:
             turns = np.arctan2(lane.points[:, 3], lane.points[:, 2]) / (2.0 * math.pi)
@@ -107,7 +107,12 @@ def rasterize_directions(
     return raster
 
 
-def _blank(bounds: tuple[float, float, float, float], px_per_m: float) -> Raster:
+def blank_raster(bounds: tuple[float, float, float, float], px_per_m: float) -> Raster:
+    """An empty raster around lane-centre bounds x0, y0, x1, y1, with a margin.
+
+    Raises:
+        ValueError: It would have more than 2^30 pixels.
+    """
     x0, y0 = math.floor(bounds[0] - MARGIN_M), math.floor(bounds[1] - MARGIN_M)
     width_m, height_m = bounds[2] + MARGIN_M - x0, bounds[3] + MARGIN_M - y0
     shape = math.ceil(height_m * px_per_m), math.ceil(width_m * px_per_m)

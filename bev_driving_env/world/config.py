@@ -96,6 +96,7 @@ class WorldConfig:
         terminate_on: Infractions that end an episode.
         time_limit_s: Simulated time after which an episode is truncated; None gives each route
             30 s plus 0.8 s a metre (the CARLA Leaderboard's pace).
+        dense_furniture: Whether more stands beside the roads than usual (``hard`` appearance).
         vehicle: The ego car.
         rules: Thresholds of the infractions.
         reward: Weights of the reward.
@@ -107,6 +108,7 @@ class WorldConfig:
     cruise_speed_mps: float = 6.0
     terminate_on: tuple[str, ...] = tuple(INFRACTIONS)
     time_limit_s: float | None = None
+    dense_furniture: bool = False
     vehicle: VehicleModel = field(default_factory=VehicleModel)
     rules: Rules = field(default_factory=Rules)
     reward: RewardWeights = field(default_factory=RewardWeights)

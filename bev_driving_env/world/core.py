@@ -17,6 +17,7 @@ from ..kernels.jit import announce_compilation, drop_stale_caches
 from ..kernels.layout import REWARD_TERMS, ROUTE_DONE, ROUTE_POSITION
 from ..kernels.step import step_worlds
 from ..towns.compiled import CompiledTown
+from ..towns.plan import sparse_plan
 from ..towns.route import Route
 from .config import WorldConfig
 from .infractions import InfractionEvent, bits_of, names_of
@@ -72,6 +73,7 @@ class World:
             # the rules must not depend on how finely the view is drawn
             self._classes = town.classes()
             self._directions = town.directions
+            self._solids = town.solids(dense=config.dense_furniture)
             self._renderer = BEVRenderer(town, config.bev)
             self._warm_up()
 
@@ -90,10 +92,14 @@ class World:
         return len(CHANNELS), self.config.bev.size, self.config.bev.size
 
     def place(self, world: int, route: Route, episode_id: str = "") -> None:
-        """Start a world anew at the beginning of a route, standing still."""
+        """Start a world anew at the beginning of a route, standing still.
+
+        Draws the episode's seed, on which its looks and noise depend, from the world's generator.
+        """
         points = route.points
         self.state.clear(world)
-        self.state.set_route(world, points, route.length_m)
+        self.state.set_route(world, points, route.length_m, sparse_plan(route))
+        self.state.episode_seed[world] = self.rngs[world].integers(1 << 62)
         self.state.ego[world, :3] = *points[0, :2], math.atan2(points[0, 3], points[0, 2])
         limit_s = self.config.time_limit_for(route.length_m)
         self.state.time_limit[world] = max(1, round(limit_s * self.config.control_hz))
@@ -122,6 +128,10 @@ class World:
             self._classes.grid,
             self._directions.pixels,
             self._directions.grid,
+            self._solids.boxes,
+            self._solids.cell_start,
+            self._solids.cell_items,
+            self._solids.grid,
             self._everyone if running is None else running,
             actions,
             state.ego,
@@ -132,6 +142,7 @@ class World:
             state.route_length,
             state.progress,
             state.timers,
+            state.attitude,
             state.holding,
             state.steps,
             state.returns,

@@ -31,6 +31,10 @@ class WorldState:
         vehicles: (N, V, 6) other vehicles; a row of length 0 is an empty slot.
         pedestrians: (N, P, 6) likewise.
         signals: (N, S) uint8 state of each signal.
+        attitude: (N, 2) the body's pitch and roll in radians: nose down, right side down.
+        episode_seed: (N,) decides all that is random but does not move the car: looks, noise, GPS.
+        plan_points: (N, P, 3) sparse plan: x, y, station; rows past ``plan_size`` are padding.
+        plan_size: (N,) number of valid plan points.
     """
 
     ego: NDArray[np.float64]
@@ -48,6 +52,10 @@ class WorldState:
     vehicles: NDArray[np.float64]
     pedestrians: NDArray[np.float64]
     signals: NDArray[np.uint8]
+    attitude: NDArray[np.float64]
+    episode_seed: NDArray[np.int64]
+    plan_points: NDArray[np.float64]
+    plan_size: NDArray[np.int64]
 
     @classmethod
     def empty(
@@ -70,6 +78,10 @@ class WorldState:
             vehicles=np.zeros((worlds, vehicles, layout.ACTOR_COLUMNS)),
             pedestrians=np.zeros((worlds, pedestrians, layout.ACTOR_COLUMNS)),
             signals=np.zeros((worlds, signals), np.uint8),
+            attitude=np.zeros((worlds, 2)),
+            episode_seed=np.zeros(worlds, np.int64),
+            plan_points=np.zeros((worlds, 1, 3)),
+            plan_size=np.zeros(worlds, np.int64),
         )
 
     def copy(self) -> WorldState:
@@ -83,18 +95,35 @@ class WorldState:
     def clear(self, world: int) -> None:
         """Zero everything of one world but its route."""
         for item in fields(self):
-            if not item.name.startswith("route_"):
+            if not item.name.startswith(("route_", "plan_")):
                 getattr(self, item.name)[world] = 0
 
-    def set_route(self, world: int, points: NDArray[np.float64], length_m: float) -> None:
-        """Give a world a route of points (R, 4), making room in all worlds if it is the longest."""
-        size, capacity = len(points), self.route_points.shape[1]
-        if size > capacity:
-            grown = np.zeros((len(self.ego), size, layout.ROUTE_COLUMNS))
-            grown[:, :capacity] = self.route_points
-            self.route_points = grown
-        self.route_points[world, :size] = points
-        self.route_points[world, size:] = 0.0
-        self.route_size[world] = size
-        self.route_spacing[world] = length_m / (size - 1)
+    def set_route(
+        self,
+        world: int,
+        points: NDArray[np.float64],
+        length_m: float,
+        plan: NDArray[np.float64] | None = None,
+    ) -> None:
+        """Give a world a route of points (R, 4) and its sparse plan (P, 3)."""
+        self.route_points = _with_row(self.route_points, world, points)
+        self.route_size[world] = len(points)
+        self.route_spacing[world] = length_m / (len(points) - 1)
         self.route_length[world] = length_m
+        plan = np.zeros((0, 3)) if plan is None else plan
+        self.plan_points = _with_row(self.plan_points, world, plan)
+        self.plan_size[world] = len(plan)
+
+
+def _with_row(
+    table: NDArray[np.float64], world: int, rows: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Write one world's rows into a table (N, R, C), making room in all worlds if need be."""
+    size, capacity = len(rows), table.shape[1]
+    if size > capacity:
+        grown = np.zeros((len(table), size, table.shape[2]))
+        grown[:, :capacity] = table
+        table = grown
+    table[world, :size] = rows
+    table[world, size:] = 0.0
+    return table

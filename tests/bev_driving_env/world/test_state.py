@@ -51,7 +51,7 @@ def test_clearing_a_world_leaves_its_route_and_the_other_worlds():
     state.clear(0)
     for name, array in arrays(state).items():
         np.testing.assert_array_equal(array[1], getattr(before, name)[1])
-        if not name.startswith("route_"):
+        if not name.startswith(("route_", "plan_")):
             assert not array[0].any()
 
 

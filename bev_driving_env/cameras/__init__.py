@@ -1,0 +1,1 @@
+"""Four rendered cameras: rig, appearance, motion, renderer."""

@@ -1,0 +1,136 @@
+"""``CameraRenderer``: the camera images of a world state."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from ..kernels.camera import Ego, Scenery, Workspace, add_noise, new_workspace, render_cameras
+from ..kernels.layout import HEADING, PITCH, ROLL, X, Y
+from ..kernels.noise import mix
+from ..kernels.shading import GroundTexture
+from .look import Look, draw_look
+from .optics import NOISE_TILE, Optics, build_optics, noise_tile
+from .rig import CameraRig
+
+if TYPE_CHECKING:
+    from ..towns.compiled import CompiledTown
+    from ..world.state import WorldState
+
+SENSOR_NOISE = 7
+"""Which of the random numbers of an episode's seed shifts the sensor noise."""
+
+
+@dataclass(frozen=True)
+class CameraSettings:
+    """How the cameras see.
+
+    Attributes:
+        rig: Where they sit; what predictors are told.
+        appearance: Set of looks to draw from, or the seed of one look of ``"train"`` for all
+            episodes.
+        motion: Whether the body pitches and rolls and the mounting is a little off.
+    """
+
+    rig: CameraRig
+    appearance: str | int = "train"
+    motion: bool = True
+
+    def look(self, episode_seed: int) -> Look:
+        """The look of an episode."""
+        fixed = not isinstance(self.appearance, str)
+        return draw_look(
+            "train" if fixed else str(self.appearance),
+            int(self.appearance) if fixed else episode_seed,
+            len(self.rig.cameras),
+        )
+
+
+class CameraRenderer:
+    """Renders the cameras of any world of one town; the images depend on the state alone.
+
+    Args:
+        town: The town.
+        settings: Rig, appearance, motion.
+        ego_size_m: Length and width of the ego, which casts a shadow.
+    """
+
+    def __init__(
+        self, town: CompiledTown, settings: CameraSettings, ego_size_m: tuple[float, float]
+    ) -> None:
+        self.settings = settings
+        self._scenery: Scenery = town.scenery(dense=settings.appearance == "hard")
+        ground = town.ground
+        self._ground = GroundTexture(
+            ground.grid.x0_m,
+            ground.grid.y0_m,
+            ground.grid.px_per_m,
+            ground.texels,
+            ground.offsets,
+            ground.shapes,
+        )
+        self._ego_size_m = ego_size_m
+        height, width = settings.rig.size
+        self._workspace: Workspace = new_workspace(self._scenery, height, width)
+        self._planes = np.empty((len(settings.rig.cameras), 3, height, width), np.uint8)
+        self._intrinsics = settings.rig.intrinsics().astype(np.float64)
+        # worlds of one environment need a look each; old ones make room for new ones
+        self._dressed = functools.lru_cache(maxsize=256)(self._dress)
+
+    def look(self, episode_seed: int) -> Look:
+        """The look of the episode with a seed."""
+        return self._dressed(episode_seed)[0]
+
+    def _dress(self, episode_seed: int) -> tuple[Look, Optics]:
+        look = self.settings.look(episode_seed)
+        optics = build_optics(look, self.settings.rig, misaligned=self.settings.motion)
+        return look, optics
+
+    def render(self, state: WorldState, world: int) -> NDArray[np.uint8]:
+        """The images (C, H, W, 3) uint8 RGB of one world, newly made."""
+        seed = int(state.episode_seed[world])
+        look, optics = self._dressed(seed)
+        moving = float(self.settings.motion)
+        ego = state.ego[world]
+        render_cameras(
+            self._ground,
+            self._scenery,
+            optics.lighting,
+            optics.atmosphere,
+            optics.gain,
+            optics.veil,
+            optics.beam,
+            optics.balance,
+            optics.veil_rgb,
+            Ego(ego[X], ego[Y], ego[HEADING], *self._ego_size_m),
+            moving * state.attitude[world, PITCH],
+            moving * state.attitude[world, ROLL],
+            optics.axes,
+            optics.places,
+            self._intrinsics,
+            state.vehicles[world],
+            state.pedestrians[world],
+            state.signals[world],
+            optics.sunny,
+            self._workspace,
+            self._planes,
+        )
+        images = np.empty(self.settings.rig.shape, np.uint8)
+        for planes, image in zip(self._planes, images, strict=True):
+            cv2.merge(list(planes), dst=image)
+        self._expose(images, look, seed, int(state.steps[world]))
+        return images
+
+    def _expose(self, images: NDArray[np.uint8], look: Look, seed: int, step: int) -> None:
+        """Blur by the lens and noise by the sensor, in place."""
+        blur = look.blur_px * self.settings.rig.size[1] / 240.0
+        if blur >= 0.25:
+            for image in images:
+                cv2.GaussianBlur(image, (3, 3), blur, dst=image)
+        start = int(mix(mix(seed, SENSOR_NOISE) >> 1, step) % NOISE_TILE)
+        add_noise(images, noise_tile(round(10.0 * look.noise)), start)

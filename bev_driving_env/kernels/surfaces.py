@@ -1,0 +1,410 @@
+"""Colours along one image row: ground, sky and upright faces.
+
+Half of an image's time goes into these loops, so each takes plain arrays and numbers (a tuple of
+arrays costs a reference count per array and call), and those over many pixels are written so that
+they vectorise.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .jit import kernel
+from .shapes import EMISSIVE, FACADE, FOLIAGE, GLASS, POSTER, SLATS, TILES
+
+GRAIN_SIZE = 128
+GRAIN_BITS = 7
+GRAIN_PER_M, STAIN_PER_M = 13.0, 1.3
+
+
+@kernel
+def tile_index(row: float, column: float) -> int:
+    """Index into a tile of noise that repeats every 128 steps."""
+    mask = np.int32(GRAIN_SIZE - 1)
+    r, c = np.int32(np.int32(row) & mask), np.int32(np.int32(column) & mask)
+    return np.int32(np.int32(r << np.int32(GRAIN_BITS)) | c)
+
+
+@kernel
+def add_ground(
+    first: int,
+    stop: int,
+    ray: NDArray,
+    step: NDArray,
+    place: NDArray,
+    scale: float,
+    rows: int,
+    columns: int,
+    texels: NDArray,
+    table: NDArray,
+    dither: NDArray,
+    where: NDArray,
+    texel: NDArray,
+    sums: NDArray,
+) -> None:
+    """Add the ground's colours along a row to sums.
+
+    Args:
+        first: First column.
+        stop: Column after the last.
+        ray: (3,) float32 world direction at column 0, with depth 1.
+        step: (3,) float32 its change per column.
+        place: (3,) float32 the camera's place relative to the texture's corner, and its height.
+        scale: Texels per metre.
+        rows: Size of the pyramid level.
+        columns: See above.
+        texels: The level.
+        table: (256,) int32 colour of each code: red, green, blue, graininess, a byte each.
+        dither: (2, W) float32 offsets in texels, in place of bilinear sampling.
+        where: (2, W) float32 output, ground points relative to the texture's corner.
+        texel: (W,) int32 scratch.
+        sums: (2, W) int32 sums in halves of 16 bits: red and blue, green and graininess.
+    """
+    f32, i32 = np.float32, np.int32
+    zero, one = f32(0.0), f32(1.0)
+    least = f32(1.0 / 400.0)
+    ray_x, ray_y, ray_z = ray[0], ray[1], ray[2]
+    step_x, step_y, step_z = step[0], step[1], step[2]
+    from_x, from_y, height = place[0], place[1], place[2]
+    per_height = -one / height
+    per_m, start = f32(scale), i32(first)
+    last_row, last_column, stride = f32(rows - 1), f32(columns - 1), i32(columns)
+    # slices from 0 on: an index that cannot be negative is needed for the loops to vectorise
+    count = stop - first
+    xs, ys, texel = where[0, first:stop], where[1, first:stop], texel[first:stop]
+    across, along = dither[0, first:stop], dither[1, first:stop]
+    for u in range(count):
+        column = f32(i32(i32(u) + start))
+        inverse = max((ray_z + column * step_z) * per_height, least)
+        reach = one / inverse
+        xs[u] = from_x + reach * (ray_x + column * step_x)
+        ys[u] = from_y + reach * (ray_y + column * step_y)
+    for u in range(count):
+        c = min(max(xs[u] * per_m + across[u], zero), last_column)
+        r = min(max(ys[u] * per_m + along[u], zero), last_row)
+        texel[u] = i32(i32(i32(r) * stride) + i32(c))
+    for u in range(count):
+        texel[u] = table[texels[np.uint32(texel[u])]]
+    even, odd = sums[0, first:stop], sums[1, first:stop]
+    bytes_ = i32(0x00FF00FF)
+    for u in range(count):
+        even[u] += i32(texel[u] & bytes_)
+        odd[u] += i32(i32(texel[u] >> i32(8)) & bytes_)
+
+
+@kernel
+def finish_ground(
+    first: int,
+    stop: int,
+    share: float,
+    noise: NDArray,
+    noise_per_m: float,
+    where: NDArray,
+    texel: NDArray,
+    shadow: NDArray,
+    shadow_rgb: NDArray,
+    haze: NDArray,
+    sheen: NDArray,
+    haze_rgb: NDArray,
+    sums: NDArray,
+    scratch: NDArray,
+    rgb: NDArray,
+) -> None:
+    """Turn sums of ground colours into what is seen: grain, shadows, wetness, haze.
+
+    Args:
+        first: First column.
+        stop: Column after the last.
+        share: One over the number of samples in the sums.
+        noise: (16384,) float32 tile of grain or stains.
+        noise_per_m: Its pixels per metre.
+        where: (2, W) ground points.
+        texel: (W,) int32 scratch.
+        shadow: (W,) uint8 shadow mask: 1 in shadow, 2 under a vehicle.
+        shadow_rgb: (3,) what is left in shadow.
+        haze: (2,) share of haze at the first column, and its change per column.
+        sheen: (2,) share of mirrored sky, likewise.
+        haze_rgb: (3,).
+        sums: (2, W) int32, see ``add_ground``.
+        scratch: (3, W) float32 scratch.
+        rgb: (3, W) output.
+    """
+    f32, i32 = np.float32, np.int32
+    zero, one = f32(0.0), f32(1.0)
+    count = stop - first
+    xs, ys, texel = where[0, first:stop], where[1, first:stop], texel[first:stop]
+    # in turn: noise, then what the air adds; brightness; share of the sun that is blocked
+    added, factor = scratch[0, first:stop], scratch[1, first:stop]
+    blocked, shadow = scratch[2, first:stop], shadow[first:stop]
+    part, per_m = f32(share), f32(noise_per_m)
+    to_grain = part * f32(1.0 / 255.0)
+    for u in range(count):
+        texel[u] = tile_index(ys[u] * per_m, xs[u] * per_m)
+    for u in range(count):
+        added[u] = noise[np.uint32(texel[u])]
+    odd = sums[1, first:stop]
+    haze0, haze_step, sheen0, sheen_step = haze[0], haze[1], sheen[0], sheen[1]
+    for u in range(count):
+        column, speck = f32(i32(u)), added[u]
+        mirrored = max((sheen0 + sheen_step * column) * (f32(0.7) + f32(0.6) * speck), zero)
+        kept = (one - mirrored) * (one - (haze0 + haze_step * column))
+        factor[u] = part * kept * (one + to_grain * f32(i32(odd[u] >> i32(16))) * speck)
+        added[u] = one - kept
+    for u in range(count):
+        mark = i32(shadow[u])
+        factor[u] *= one - f32(0.4) * f32(i32(mark >> i32(1)))
+        blocked[u] = f32(i32(mark & i32(1)))
+    for channel in range(3):
+        row, pair = rgb[channel, first:stop], sums[channel & 1, first:stop]
+        left, air = one - shadow_rgb[channel], haze_rgb[channel]
+        shift, half = i32(8 * (channel & 2)), i32(0xFFFF)
+        for u in range(count):
+            colour = f32(i32(i32(pair[u] >> shift) & half)) * factor[u]
+            row[u] = colour * (one - left * blocked[u]) + air * added[u]
+
+
+@kernel
+def shade_sky(
+    first: int,
+    stop: int,
+    ray: NDArray,
+    step: NDArray,
+    sun: NDArray,
+    haze_rgb: NDArray,
+    zenith_rgb: NDArray,
+    cloud_rgb: NDArray,
+    glow_rgb: NDArray,
+    clouds: float,
+    smooth: NDArray,
+    texel: NDArray,
+    scratch: NDArray,
+    rgb: NDArray,
+) -> None:
+    """The sky along a row: haze below, zenith above, clouds, and the sun's glow.
+
+    Args:
+        first: First column.
+        stop: Column after the last; up to three more are written.
+        ray: (3,) float32 world direction at column 0.
+        step: (3,) float32 its change per column.
+        sun: (3,) float32 direction towards the sun.
+        haze_rgb: (3,) colour at the horizon.
+        zenith_rgb: (3,) colour overhead.
+        cloud_rgb: (3,) colour of clouds.
+        glow_rgb: (3,) what the sun adds around it.
+        clouds: Share of the sky they cover.
+        smooth: (16384,) float32 tile.
+        texel: (W,) int32 scratch.
+        scratch: (3, W) float32 scratch.
+        rgb: (3, W + 3) output.
+    """
+    f32, i32 = np.float32, np.int32
+    zero, one = f32(0.0), f32(1.0)
+    # the sky is smooth: every fourth column will do
+    count = (stop - first + 3) // 4
+    ups, covers, glows = scratch[0, :count], scratch[1, :count], scratch[2, :count]
+    cover, texel, start = f32(2.0 * clouds - 1.0), texel[:count], i32(first)
+    ray_x, ray_y, ray_z = ray[0], ray[1], ray[2]
+    step_x, step_y, step_z = step[0], step[1], step[2]
+    sun_x, sun_y, sun_z = sun[0], sun[1], sun[2]
+    for u in range(count):
+        column = f32(i32(i32(i32(u) << i32(2)) + start))
+        x, y, z = ray_x + column * step_x, ray_y + column * step_y, ray_z + column * step_z
+        norm = one / math.sqrt(x * x + y * y + z * z)
+        x *= norm
+        y *= norm
+        z = max(z * norm, zero)
+        reach = f32(26.0) / (z + f32(0.08))
+        texel[u] = tile_index(y * reach, x * reach)
+        # not down to zero: numbers too small for 32 bits are slow
+        glow = max(x * sun_x + y * sun_y + z * sun_z, f32(0.1))
+        glow *= glow
+        glow *= glow
+        sharp = glow * glow
+        sharp *= sharp
+        sharp *= sharp
+        glows[u] = f32(0.25) * glow + sharp
+        ups[u] = z
+    for u in range(count):
+        covers[u] = smooth[np.uint32(texel[u])]
+    for u in range(count):
+        z = ups[u]
+        covers[u] = min(max(covers[u] + cover, zero), one) * min(one, f32(4.0) * z)
+        ups[u] = math.sqrt(z)
+    for channel in range(3):
+        row = rgb[channel, first : first + 4 * count]
+        air, top = haze_rgb[channel], zenith_rgb[channel]
+        white, light = cloud_rgb[channel], glow_rgb[channel]
+        for u in range(count):
+            colour = air + ups[u] * (top - air)
+            colour += covers[u] * (white - colour) + glows[u] * light
+            k = np.uint64(4 * u)
+            row[k] = colour
+            row[k + np.uint64(1)] = colour
+            row[k + np.uint64(2)] = colour
+            row[k + np.uint64(3)] = colour
+
+
+@kernel
+def pattern_scale(pattern: int, variant: int) -> tuple[float, float, float, float]:
+    """Texels per metre along and up a face, brightening per metre up, and average factor."""
+    if pattern >= FACADE:
+        return 32.0 / (2.6 + 0.35 * (pattern - FACADE)), 10.0, 0.0, 0.8
+    if pattern == FOLIAGE:
+        return 11.0, 11.0, 0.12, 1.0
+    if pattern == TILES:
+        return 24.0, 21.0, 0.0, 0.94
+    if pattern == SLATS:
+        return 40.0, 10.0, 0.0, 0.9
+    if pattern == GLASS:
+        return 4.0, 4.0, 0.0, 1.0
+    if pattern == POSTER:
+        return 40.0, 40.0, 0.0, 1.0
+    return 32.0, 64.0, 0.0, 0.98
+
+
+@kernel
+def shade_faces(
+    stop: int,
+    ray: NDArray,
+    step: NDArray,
+    place: NDArray,
+    pixel: float,
+    faces: NDArray,
+    nearness: NDArray,
+    colours: NDArray,
+    patterns: NDArray,
+    frames: NDArray,
+    variants: NDArray,
+    pages: NDArray,
+    codes: NDArray,
+    haze_table: NDArray,
+    haze_rgb: NDArray,
+    texel: NDArray,
+    scratch: NDArray,
+    rgb: NDArray,
+) -> None:
+    """Upright faces along a row, run by run, with their textures and haze.
+
+    Args:
+        stop: Column after the last.
+        ray: (3,) float32 world direction at column 0, with depth 1.
+        step: (3,) float32 its change per column.
+        place: (3,) float64 the camera.
+        pixel: One over the focal length: size of a pixel at depth 1.
+        faces: (W,) int32 face seen, 0 for none.
+        nearness: (W,) float32 inverse depth.
+        colours: (M, 3) lit colours of the faces.
+        patterns: (M,) their textures.
+        frames: (M, 5) their origins and horizontal directions.
+        variants: (M,) their random numbers.
+        pages: Texture pages.
+        codes: (256,) int32 what each code does: red, green, blue to add, and a factor of 1/96.
+        haze_table: (steps,) share of haze by inverse depth.
+        haze_rgb: (3,) its colour.
+        texel: (W,) int32 scratch.
+        scratch: (3, W) float32 scratch.
+        rgb: (3, W + 3) output.
+    """
+    f32, i32 = np.float32, np.int32
+    one = f32(1.0)
+    top = f32(haze_table.shape[0] - 1)
+    u = 0
+    while u < stop:
+        number = faces[u]
+        if number == 0:
+            u += 1
+            continue
+        end = u + 1
+        while end < stop and faces[end] == number:
+            end += 1
+        count = end - u
+        pattern = patterns[number]
+        haze0 = haze_table[np.int32(min(nearness[u], one) * top)]
+        haze1 = haze_table[np.int32(min(nearness[end - 1], one) * top)]
+        if pattern == EMISSIVE:
+            haze0, haze1 = f32(0.0), f32(0.0)
+        thicken = (haze1 - haze0) / f32(count)
+        if pattern <= EMISSIVE:
+            for channel in range(3):
+                colour, air, row = colours[number, channel], haze_rgb[channel], rgb[channel, u:end]
+                for k in range(count):
+                    row[k] = colour + (haze0 + thicken * f32(i32(k))) * (air - colour)
+            u = end
+            continue
+        along_x, along_y = f32(frames[number, 3]), f32(frames[number, 4])
+        variant = variants[number]
+        per_s, per_z, rising, average = pattern_scale(pattern, variant)
+        near_m = f32(pixel) / nearness[u]
+        fade = one / (one + (near_m * f32(0.22 * per_z)) ** 2)
+        # along the face and up, in texels; both are linear before the perspective division
+        from_s = f32(per_s) * f32(
+            (place[0] - frames[number, 0]) * along_x + (place[1] - frames[number, 1]) * along_y
+        ) + f32(16384.0 + 37.0 * (variant % 64))
+        ray_s = f32(per_s) * (ray[0] * along_x + ray[1] * along_y)
+        step_s = f32(per_s) * (step[0] * along_x + step[1] * along_y)
+        from_z, ray_z, step_z = (
+            f32(per_z) * f32(place[2] - frames[number, 2]) + f32(1024.0),
+            f32(per_z) * ray[2],
+            f32(per_z) * step[2],
+        )
+        index, depths, heights = texel[u:end], nearness[u:end], scratch[0, u:end]
+        start = i32(u)
+        for k in range(count):
+            depth = one / depths[k]
+            column = f32(i32(i32(k) + start))
+            s = from_s + depth * (ray_s + column * step_s)
+            z = from_z + depth * (ray_z + column * step_z)
+            heights[k] = z
+            index[k] = tile_index(z, s)
+        page = pattern << (2 * GRAIN_BITS)
+        leaf = pages[page : page + GRAIN_SIZE * GRAIN_SIZE]
+        for k in range(count):
+            index[k] = codes[leaf[np.uint32(index[k])]]
+        factor = scratch[1, u:end]
+        keep, lift = fade * f32(1.0 / 96.0), (one - fade) * f32(average)
+        rise, base = f32(rising / per_z), f32(1.0 - 1024.0 * rising / per_z)
+        low = np.int32(255)
+        for k in range(count):
+            share = f32(np.int32((index[k] >> np.int32(24)) & low))
+            factor[k] = (keep * share + lift) * (base + rise * heights[k])
+        for channel in range(3):
+            colour, air, row = colours[number, channel], haze_rgb[channel], rgb[channel, u:end]
+            shift = np.int32(8 * channel)
+            for k in range(count):
+                added = f32(np.int32((index[k] >> shift) & low))
+                seen = colour * factor[k] + fade * added
+                row[k] = seen + (haze0 + thicken * f32(i32(k))) * (air - seen)
+        u = end
+
+
+@kernel
+def expose_row(
+    rgb: NDArray,
+    gain: NDArray,
+    veil: NDArray,
+    balance: NDArray,
+    veil_rgb: NDArray,
+    planes: NDArray,
+) -> None:
+    """What the lens and the sensor make of a row of colours.
+
+    Args:
+        rgb: (3, W + 3) colours.
+        gain: (W,) uint8, 128 leaves the colour alone.
+        veil: (W,) uint8.
+        balance: (3,) white balance.
+        veil_rgb: (3,) colour of the veil.
+        planes: (3, W) uint8 output.
+    """
+    f32, i32 = np.float32, np.int32
+    zero, most = f32(0.0), f32(255.0)
+    for channel in range(3):
+        row, out = rgb[channel], planes[channel]
+        factor, haze = balance[channel] * f32(1.0 / 128.0), veil_rgb[channel] * f32(1.0 / 255.0)
+        for u in range(gain.shape[0]):
+            colour = row[u] * f32(i32(gain[u])) * factor + f32(i32(veil[u])) * haze
+            out[u] = np.uint8(i32(min(max(colour, zero), most)))

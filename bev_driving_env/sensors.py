@@ -1,0 +1,80 @@
+"""``Sensors``: what the car senses in each world, made of the world's state alone."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .bev import bev_window
+from .cameras.renderer import CameraRenderer, CameraSettings
+from .kernels.layout import SPEED
+from .kernels.route_map import render_route_maps
+from .sources.protocol import SensorFrame
+from .world.core import World
+
+
+class Sensors:
+    """Cameras, route map and measurements of N worlds.
+
+    Asked twice in the same state, it answers with the same bits; nothing is made before it is
+    asked for.
+
+    Args:
+        world: The worlds.
+        settings: How the cameras see.
+    """
+
+    def __init__(self, world: World, settings: CameraSettings) -> None:
+        self.world = world
+        self.settings = settings
+        self._window = bev_window(world.config.bev)
+
+    @functools.cached_property
+    def cameras(self) -> CameraRenderer:
+        """The camera renderer, built when the first image is needed."""
+        vehicle = self.world.config.vehicle
+        size = float(vehicle.length_m), float(vehicle.width_m)
+        return CameraRenderer(self.world.town, self.settings, size)
+
+    def images(self, n: int) -> NDArray[np.uint8]:
+        """Camera images (C, H, W, 3) uint8 RGB of world ``n``, newly made."""
+        return self.cameras.render(self.world.state, n)
+
+    def route_maps(self, selected: NDArray[np.bool_]) -> NDArray[np.uint8]:
+        """Route maps (N, size, size) uint8, newly made; those of other worlds are undefined."""
+        size, state = self.world.config.bev.size, self.world.state
+        maps = np.empty((len(self.world), size, size), np.uint8)
+        render_route_maps(
+            self._window,
+            selected,
+            state.ego,
+            state.progress,
+            state.plan_points,
+            state.plan_size,
+            state.episode_seed,
+            state.steps,
+            True,
+            maps,
+        )
+        return maps
+
+    def measurements(self) -> NDArray[np.float32]:
+        """Speed and last commands (N, 3) float32 of all worlds, newly made."""
+        state = self.world.state
+        table = np.empty((len(self.world), 3), np.float32)
+        table[:, 0] = state.ego[:, SPEED]
+        table[:, 1:] = state.command
+        return table
+
+    def frame(self, n: int) -> SensorFrame:
+        """Everything that world ``n`` senses now, in arrays of its own."""
+        selected = np.arange(len(self.world)) == n
+        return SensorFrame(
+            images=self.images(n),
+            intrinsics=self.settings.rig.intrinsics(),
+            extrinsics=self.settings.rig.extrinsics(),
+            route_map=self.route_maps(selected)[n].copy(),
+            measurements=self.measurements()[n].copy(),
+        )

@@ -1,0 +1,1 @@
+"""BEV sources: what stands between the world and the driver."""
