@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from . import run_command, speed_command
+from . import play_command, run_command, speed_command
 from .errors import UsageError
 
 
@@ -28,6 +28,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="COMMAND")
     run_command.add_parser(verbs)
+    play_command.add_parser(verbs)
     speed_command.add_parser(verbs)
     return parser
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import traceback
+from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -15,6 +18,7 @@ from bev_driving_env.env import BEVTownEnv
 from bev_driving_env.info import episode_summary
 
 from .suites import Job
+from .video import VideoWriter
 
 
 @dataclass(frozen=True)
@@ -80,24 +84,28 @@ class EpisodeResult:
         )
 
 
-def drive(job: Job) -> EpisodeResult:
-    """Drive one episode; a failure of the agent ends it and is reported in the result."""
+def drive(job: Job, video: Path | None = None) -> EpisodeResult:
+    """Drive one episode; a failure of the agent or the BEV source ends it and is reported.
+
+    Args:
+        job: What to drive.
+        video: MP4 file to write, or None.
+    """
     env = _env(job.town, job.bev, job.appearance)
     world = env.world
-    observation, _ = env.reset(seed=job.seed, options=job.options)
-    trajectory = [env.ego_pose[:2]]
+    trajectory: list[tuple[float, float]] = []
     error = failure = ""
     try:
-        agent: Agent = make_agent(job.agent, env)
-        agent.reset(job.seed)
-        ended = False
-        while not ended:
-            observation, _, terminated, truncated, _ = env.step(agent.act(observation))
-            trajectory.append(env.ego_pose[:2])
-            ended = terminated or truncated
+        with contextlib.ExitStack() as stack:
+            film = video and stack.enter_context(VideoWriter(video, env.metadata["render_fps"]))
+            for _ in _drive_steps(env, job):
+                trajectory.append(env.ego_pose[:2])
+                if film:
+                    film.add(env.draw())
     except (Exception, SystemExit) as failed:  # whatever a foreign agent raises belongs in its row
         error = traceback.format_exc()
         failure = f"{type(failed).__name__}: {str(failed).partition(chr(10))[0]}"
+    trajectory = trajectory or [env.ego_pose[:2]]
     summary = episode_summary(world, 0)
     events = summary["infractions"]
     first = events[0] if events else None
@@ -118,6 +126,19 @@ def drive(job: Job) -> EpisodeResult:
         error=error,
         trajectory=tuple((x, y) for x, y in np.round(trajectory, 2).tolist()),
     )
+
+
+def _drive_steps(env: BEVTownEnv, job: Job) -> Iterator[None]:
+    """Drive an episode to its end, pausing at the start and after each step."""
+    observation, _ = env.reset(seed=job.seed, options=job.options)
+    agent: Agent = make_agent(job.agent, env)
+    agent.reset(job.seed)
+    ended = False
+    yield
+    while not ended:
+        observation, _, terminated, truncated, _ = env.step(agent.act(observation))
+        ended = terminated or truncated
+        yield
 
 
 @functools.lru_cache(maxsize=4)

@@ -16,7 +16,7 @@ from agents.registry import FORMS, agent_source
 from bev_driving_env._version import __version__
 from bev_driving_env.env import BEVTownEnv
 from bev_driving_env.files import write_bytes, write_json, write_text
-from bev_driving_env.settings import BEV_SOURCES
+from bev_driving_env.sources.registry import bev_source_names, source_file
 from bev_driving_env.towns.registry import town_names
 
 from .drive import EpisodeResult
@@ -41,6 +41,7 @@ class RunOptions:
         out: Output folder.
         workers: Processes.
         overwrite: Discard what the output folder holds.
+        video: Whether to write a video of each episode.
     """
 
     suite: str
@@ -51,12 +52,13 @@ class RunOptions:
     out: Path
     workers: int
     overwrite: bool
+    video: bool
 
     def __post_init__(self) -> None:
-        for name, known in (("bev", BEV_SOURCES), ("town", town_names())):
-            for value in getattr(self, name):
-                if value not in known:
-                    raise ValueError(f"unknown {name} {value!r}; available: {', '.join(known)}")
+        for value in self.town:
+            if value not in town_names():
+                known = ", ".join(town_names())
+                raise ValueError(f"unknown town {value!r}; available: {known}")
         if self.workers < 1:
             raise ValueError(f"--workers must be at least 1, got {self.workers}")
         if min(self.seed) < 0:
@@ -93,7 +95,8 @@ def add_parser(verbs: Any) -> None:
         nargs="+",
         default=["ground_truth"],
         metavar="SOURCE",
-        help=f"BEV sources ({', '.join(BEV_SOURCES)}); default: ground_truth",
+        help=f"BEV sources: {', '.join(bev_source_names())}, 'module:factory' or the path of a "
+        f"checkpoint; default: ground_truth",
     )
     parser.add_argument(
         "--agent", nargs="+", default=["expert"], metavar="AGENT", help=f"{FORMS}; default: expert"
@@ -108,6 +111,9 @@ def add_parser(verbs: Any) -> None:
     )
     parser.add_argument(
         "--overwrite", action="store_true", help="discard what the folder already holds"
+    )
+    parser.add_argument(
+        "--video", action="store_true", help="also write an MP4 of each episode to OUT/videos"
     )
     parser.set_defaults(
         command=run,
@@ -131,22 +137,24 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
             out=namespace.out,
             workers=namespace.workers,
             overwrite=namespace.overwrite,
+            video=namespace.video,
         )
         jobs = list(
             jobs_of(SUITES[options.suite], options.town, options.bev, options.agent, options.seed)
         )
         # fails here, in one line, rather than in every episode; and compiles before workers start
-        env = BEVTownEnv(options.town[0])
+        for source in options.bev:
+            env = BEVTownEnv(options.town[0], bev_source=source)
         for spec in options.agent:
             make_agent(spec, env)
     except ValueError as error:
         raise UsageError(str(error)) from error
     if options.overwrite:
         _discard(options.out)
-    hashes = agent_hashes(options.agent)
+    hashes = {**agent_hashes(options.agent), **source_hashes(options.bev)}
     note = provenance(argv, options.seed, hashes)
     claim_folder(options.out, {**options.identity, "hashes": hashes}, note)
-    results = run_jobs(jobs, options.out, options.workers)
+    results = run_jobs(jobs, options.out, options.workers, videos=options.video)
     _write(options, results, note)
     return _report(options, results)
 
@@ -160,10 +168,17 @@ def agent_hashes(specs: Sequence[str]) -> dict[str, str]:
     return {spec: file_hash(path) for spec, path in sources.items() if path is not None}
 
 
+def source_hashes(specs: Sequence[str]) -> dict[str, str]:
+    """Hash of the file that each BEV source which is not built in comes from."""
+    files = {spec: source_file(spec) for spec in specs}
+    return {spec: file_hash(path) for spec, path in files.items() if path is not None}
+
+
 def _discard(out: Path) -> None:
     """Remove this command's own files from an output folder, and nothing else."""
     if (out / "run.json").exists():
         shutil.rmtree(out / "episodes", ignore_errors=True)
+        shutil.rmtree(out / "videos", ignore_errors=True)
         (out / "run.json").unlink()
 
 
@@ -188,7 +203,8 @@ def _report(options: RunOptions, results: Sequence[EpisodeResult]) -> int:
     print(table(score(results)))
     failed = [result for result in results if result.error]
     for result in failed[:3]:
-        print(f"{result.job.agent} failed in {result.job.key}: {result.failure}", file=sys.stderr)
+        who = f"{result.job.agent} on {result.job.bev}"
+        print(f"{who} failed in {result.job.key}: {result.failure}", file=sys.stderr)
     if failed:
         print(f"{len(failed)} episodes failed; tracebacks are in results.json", file=sys.stderr)
     print(f"\nresults in {options.out}: table.md, results.json, episodes.csv, map_*.png")

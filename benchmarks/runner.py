@@ -21,20 +21,29 @@ from .errors import OtherRunError
 from .suites import Job
 
 
-def run_jobs(jobs: Sequence[Job], out: Path, workers: int) -> list[EpisodeResult]:
+def run_jobs(
+    jobs: Sequence[Job], out: Path, workers: int, *, videos: bool = False
+) -> list[EpisodeResult]:
     """Drive all jobs that have no result yet, and return the results of all.
 
     Args:
         jobs: What to drive.
         out: Output folder; finished episodes are kept in its ``episodes`` folder.
         workers: Processes to use; with 1 the episodes are driven in this one.
+        videos: Also write an MP4 of each episode to the ``videos`` folder; an episode without one
+            is driven again.
 
     Returns:
         Results in the order of the jobs.
     """
     folder = out / "episodes"
     results = {job: read_result(folder, job) for job in jobs}
-    missing = [job for job, result in results.items() if result is None]
+    films = {job: out / "videos" / f"{job.key}.mp4" if videos else None for job in jobs}
+    missing = [
+        (job, film)
+        for job, film in films.items()
+        if results[job] is None or (film is not None and not film.exists())
+    ]
     kept = len(jobs) - len(missing)
     with tqdm(total=len(jobs), initial=kept, unit="episode", desc="driving") as bar:
         for result in _drive_all(missing, folder, workers):
@@ -43,10 +52,12 @@ def run_jobs(jobs: Sequence[Job], out: Path, workers: int) -> list[EpisodeResult
     return [result for result in results.values() if result is not None]
 
 
-def _drive_all(jobs: Sequence[Job], folder: Path, workers: int) -> Iterator[EpisodeResult]:
+def _drive_all(
+    jobs: Sequence[tuple[Job, Path | None]], folder: Path, workers: int
+) -> Iterator[EpisodeResult]:
     if workers == 1 or len(jobs) <= 1:
-        for job in jobs:
-            yield drive_and_keep(job, folder)
+        for job, film in jobs:
+            yield drive_and_keep(job, folder, film)
         return
     # spawned, not forked: the parent may hold threads (progress bar, numerical libraries)
     context = multiprocessing.get_context("spawn")
@@ -55,7 +66,8 @@ def _drive_all(jobs: Sequence[Job], folder: Path, workers: int) -> Iterator[Epis
     )
     others = set(multiprocessing.active_children())
     try:
-        for future in as_completed([pool.submit(drive_and_keep, job, folder) for job in jobs]):
+        futures = [pool.submit(drive_and_keep, job, folder, film) for job, film in jobs]
+        for future in as_completed(futures):
             yield future.result()
     except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
@@ -80,9 +92,9 @@ def _obey_parent() -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-def drive_and_keep(job: Job, folder: Path) -> EpisodeResult:
-    """Drive one job and write its result."""
-    result = drive(job)
+def drive_and_keep(job: Job, folder: Path, film: Path | None = None) -> EpisodeResult:
+    """Drive one job and write its result, and its video if asked for."""
+    result = drive(job, film)
     # the run's own file, one folder up, holds command, versions, commit and date
     write_json(folder / f"{job.key}.json", {**result.as_dict(), "run": "../run.json"})
     return result

@@ -9,13 +9,15 @@ import tempfile
 import time
 import tracemalloc
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from statistics import median
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
+
+from . import speed_cameras
+from .speed_figure import Figure
 
 Timing = Callable[[int], float]
 """Does something a number of times and returns the mean seconds it took."""
@@ -33,25 +35,6 @@ HIGHWAY_CONFIG: dict[str, Any] = {
     "offscreen_rendering": True,
 }
 """intersection-v2 with a 192 x 192 image, at BEVTown's control and physics rates."""
-
-
-@dataclass(frozen=True)
-class Figure:
-    """One measured figure.
-
-    Attributes:
-        name: What was measured.
-        value: The figure, the median of the rounds.
-        unit: Its unit.
-        target: What it should reach, as text, or "".
-        met: Whether it does.
-    """
-
-    name: str
-    value: float
-    unit: str
-    target: str = ""
-    met: bool = True
 
 
 def measure_steps(rounds: int, seconds: float, seed: int) -> dict[str, list[float]]:
@@ -250,4 +233,5 @@ def figures(rounds: int, seconds: float, seed: int = 0) -> list[Figure]:
             "under 0.5",
             first["import"] < 0.5,
         ),
+        *speed_cameras.figures(rounds, seconds),
     ]

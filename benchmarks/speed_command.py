@@ -13,7 +13,9 @@ from bev_driving_env.files import write_json
 from .errors import UsageError
 from .provenance import cpu_name, provenance
 from .results import markdown
-from .speed import Figure, figures
+from .speed import figures
+from .speed_cameras import metadrive_line
+from .speed_figure import Figure
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,8 @@ def add_parser(verbs: Any) -> None:
         help="measure steps per second beside highway-env's, in one run",
         description="Measure steps per second, memory and start-up time on this machine, one "
         "thread, each environment in turn. Ratios are medians over rounds. The work per step "
-        "differs: intersection-v2 simulates some ten vehicles, BEVTown draws six channels.",
+        "differs: intersection-v2 simulates some ten vehicles, BEVTown draws six channels. The "
+        "cameras are compared with OpenCV warping the bare ground to images of the same size.",
     )
     parser.add_argument("--rounds", type=int, default=7, help="timings of each; default: 7")
     parser.add_argument(
@@ -65,6 +68,7 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
     measured = figures(options.rounds, options.seconds, options.seed)
     print(f"Machine: {cpu_name()}, one thread, {options.rounds} rounds, medians.\n")
     print(as_table(measured))
+    print(f"\n{metadrive_line()}")
     if options.out is not None:
         note = provenance(argv, [options.seed])
         write_json(
