@@ -129,7 +129,7 @@ NIGHT = Condition(
     "night",
     sun_elevation_deg=(40.0, 60.0),
     sun=(0.0, 0.0),
-    ambient=(0.1, 0.17),
+    ambient=(0.13, 0.19),
     sun_tint=(1.0, 1.0, 1.0),
     ambient_tint=(0.92, 0.95, 1.2),
     sight_m=(300.0, 800.0),

@@ -16,7 +16,7 @@ from ..kernels.shapes import Lighting
 from ..towns.ground import CODE_EIGHTHS, CODE_MATERIALS, MATERIALS, SHARES
 from .look import Look
 from .palettes import GRAIN
-from .rig import CameraRig
+from .rig import CameraRig, camera_axes
 from .textures import code_table, grain_tile, pack, smooth_tile, texture_pages
 
 NOISE_TILE = 1 << 16
@@ -90,23 +90,12 @@ def mounts(
     look: Look, rig: CameraRig, *, misaligned: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Axes (C, 3, 3) and positions (C, 3) of the cameras in the body frame, as really mounted."""
-    axes, places = [], []
-    for k, camera in enumerate(rig.cameras):
-        error_deg = look.mount_deg[k] if misaligned else np.zeros(3)
-        error_m = look.mount_m[k] if misaligned else np.zeros(3)
-        moved = type(camera)(
-            camera.name,
-            camera.x_m + float(error_m[0]),
-            camera.y_m + float(error_m[1]),
-            camera.z_m + float(error_m[2]),
-            camera.yaw_deg + float(error_deg[0]),
-            camera.pitch_deg + float(error_deg[1]),
-            camera.roll_deg + float(error_deg[2]),
-            camera.fov_deg,
-        )
-        axes.append(moved.extrinsics()[:3, :3])
-        places.append((moved.x_m, moved.y_m, moved.z_m))
-    return np.array(axes), np.array(places)
+    angles_deg = np.array([(c.yaw_deg, c.pitch_deg, c.roll_deg) for c in rig.cameras])
+    places = np.array([(c.x_m, c.y_m, c.z_m) for c in rig.cameras])
+    if misaligned:
+        angles_deg = angles_deg + look.mount_deg
+        places = places + look.mount_m
+    return np.array([camera_axes(angles) for angles in angles_deg]), places
 
 
 def _brightness(look: Look) -> float:

@@ -1,4 +1,4 @@
-"""Palettes: what colours a town has. Those of ``test`` share no colour with those of ``train``."""
+"""Palettes: what colours a town has. No material of ``test`` has a colour it has in ``train``."""
 
 from __future__ import annotations
 
@@ -235,7 +235,7 @@ TEST_PALETTES = (
         leaves=((96, 124, 84), (110, 136, 98), (82, 112, 80), (124, 142, 104)),
     ),
 )
-"""Held out: no ground colour lies within twice ``JITTER`` of a training one."""
+"""Held out: no material's colour lies within twice ``JITTER`` of the same one's in training."""
 
 CAR_PAINTS: tuple[RGB, ...] = (
     (200, 200, 204), (32, 34, 40), (150, 26, 30), (34, 62, 126),

@@ -87,14 +87,24 @@ class CameraRenderer:
         return self._dressed(episode_seed)[0]
 
     def _dress(self, episode_seed: int) -> tuple[Look, Optics]:
-        look = self.settings.look(episode_seed)
-        optics = build_optics(look, self.settings.rig, misaligned=self.settings.motion)
-        return look, optics
+        return self._with_optics(self.settings.look(episode_seed))
 
-    def render(self, state: WorldState, world: int) -> NDArray[np.uint8]:
-        """The images (C, H, W, 3) uint8 RGB of one world, newly made."""
+    def _with_optics(self, look: Look) -> tuple[Look, Optics]:
+        return look, build_optics(look, self.settings.rig, misaligned=self.settings.motion)
+
+    def render(self, state: WorldState, world: int, look: Look | None = None) -> NDArray[np.uint8]:
+        """The images of one world.
+
+        Args:
+            state: State of the worlds.
+            world: Which of them.
+            look: Look to render with; by default that of the world's episode.
+
+        Returns:
+            (C, H, W, 3) uint8 RGB, newly made.
+        """
         seed = int(state.episode_seed[world])
-        look, optics = self._dressed(seed)
+        look, optics = self._dressed(seed) if look is None else self._with_optics(look)
         moving = float(self.settings.motion)
         ego = state.ego[world]
         render_cameras(

@@ -45,6 +45,11 @@ def rotation(yaw_rad: float, pitch_rad: float, roll_rad: float) -> NDArray[np.fl
     return yaw @ pitch @ roll
 
 
+def camera_axes(angles_deg: ArrayLike) -> NDArray[np.float64]:
+    """Right, down and forward (3, 3) in the ego frame of a camera with yaw, pitch and roll (3,)."""
+    return np.asarray(_LEVEL @ rotation(*np.radians(np.asarray(angles_deg, np.float64))).T)
+
+
 @dataclass(frozen=True)
 class Camera:
     """One pinhole camera on the car.
@@ -103,10 +108,10 @@ class Camera:
 
     def extrinsics(self) -> NDArray[np.float64]:
         """``camera_from_ego`` (4, 4)."""
-        ego_from_body = rotation(*np.radians([self.yaw_deg, self.pitch_deg, self.roll_deg]))
+        axes = camera_axes((self.yaw_deg, self.pitch_deg, self.roll_deg))
         camera_from_ego = np.eye(4)
-        camera_from_ego[:3, :3] = _LEVEL @ ego_from_body.T
-        camera_from_ego[:3, 3] = -camera_from_ego[:3, :3] @ [self.x_m, self.y_m, self.z_m]
+        camera_from_ego[:3, :3] = axes
+        camera_from_ego[:3, 3] = -axes @ [self.x_m, self.y_m, self.z_m]
         return camera_from_ego
 
 

@@ -47,6 +47,7 @@ def smooth_tile() -> NDArray[np.float32]:
         noise = np.pad(rng.normal(0.0, 1.0, total.shape).astype(np.float32), 48, "wrap")
         layer = np.asarray(cv2.GaussianBlur(noise, (0, 0), sigma), np.float32)[48:-48, 48:-48]
         total += weight * layer / layer.std()
+    total -= total.mean()
     return np.asarray(np.clip(total / (2.0 * total.std()), -1.0, 1.0).ravel(), np.float32)
 
 

@@ -40,8 +40,9 @@ BUILDING, HOUSE, TREE, LAMP, SIGNAL, FENCE, HEDGE, SHELTER, CAR, PILLAR = range(
 SEED = 7
 OCCUPANCY_PX_PER_M = 2.0
 CLEAR_M = 0.7
-"""Nothing but signal posts stands closer than this to the pavement."""
+"""Nothing but signal posts, and the clutter of dense towns, stands closer to the pavement."""
 POST_CLEAR_M = 0.35
+CLUTTER_CLEAR_M = 0.4
 VERGE_M = 1.0
 """Where a town has no sidewalks, furniture keeps this much farther away."""
 CELL_M = 16.0
@@ -57,7 +58,7 @@ class Prop(NamedTuple):
         kind: Index into ``KINDS``.
         x: World x of its centre.
         y: World y.
-        heading: Direction of its length; a front faces right of it.
+        heading: Direction of its length; the road lies to the left of it.
         length_m: Extent along the heading.
         width_m: Extent across.
         height_m: Height.
@@ -304,7 +305,8 @@ def _street_trees(
         lateral = frontage.kerb_m + walk_m * rng.uniform(0.55, 0.85)
         x, y, heading = frontage.place(station, lateral)
         height, variant = rng.uniform(4.5, 8.5), int(rng.integers(1000))
-        site.stand(Prop(TREE, x, y, heading, 0.35, 0.35, height, variant), 1.2)
+        clear_m = min(1.2, 0.5 * walk_m)
+        site.stand(Prop(TREE, x, y, heading, 0.35, 0.35, height, variant), clear_m)
         station += rng.uniform(*spacing_m)
 
 
@@ -334,6 +336,8 @@ def _clutter(site: _Site, frontages: list[Frontage], rng: np.random.Generator) -
             }[kind]
             x, y, heading = frontage.place(station, frontage.kerb_m + 0.6 + width / 2.0)
             prop = Prop(kind, x, y, heading, length, width, height, int(rng.integers(1000)))
-            if site.is_clear(x, y, width / 2.0 + 0.4):
-                site.stand(prop, -length / 2.0 + width / 2.0 + 0.3)
+            along = np.array([math.cos(heading), math.sin(heading)]) * length / 2.0
+            spots = [(x, y) + share * along for share in (-1.0, -0.5, 0.0, 0.5, 1.0)]
+            if all(site.is_clear(px, py, width / 2.0 + CLUTTER_CLEAR_M) for px, py in spots):
+                site.stand(prop, -length / 2.0)
             station += length + rng.uniform(6.0, 22.0)

@@ -42,7 +42,9 @@ def unpack(packed):
 
 
 def table(lit_share=0.0):
-    return unpack(code_table(np.array([40.0, 50.0, 60.0]), np.array([255.0, 214.0, 140.0]), lit_share))
+    return unpack(
+        code_table(np.array([40.0, 50.0, 60.0]), np.array([255.0, 214.0, 140.0]), lit_share)
+    )
 
 
 def digests():

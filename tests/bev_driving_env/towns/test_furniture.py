@@ -118,9 +118,11 @@ def arms(town):
 
 def digests():
     seen = []
-    for name, dense in itertools.product(("Town01", "Town02"), (False, True)):
+    for name, dense in (("Town01", True), ("Town02", False)):
         props = compiled_town(name).furniture(dense=dense)
-        seen.append(hashlib.sha256(repr([tuple(map(float, p)) for p in props]).encode()).hexdigest())
+        seen.append(
+            hashlib.sha256(repr([tuple(map(float, p)) for p in props]).encode()).hexdigest()
+        )
     return seen
 
 
@@ -281,8 +283,9 @@ def test_the_line_of_sight_is_cut_by_what_stands_in_it_alone(ring):
     start, end = np.array([-5.0, -5.0]), np.array([5.0, 5.0])
     assert hides(house, start, end)
     assert not hides(house, start, -np.ones(2) * 2.1)
-    assert not hides(house, start + (3.0, 0.0), end + (3.0, 0.0))
-    assert hides(house, start + (1.3, 0.0), end + (1.3, 0.0))
+    east = np.array([1.0, 0.0])
+    assert not hides(house, start + 3.0 * east, end + 3.0 * east)
+    assert hides(house, start + 1.3 * east, end + 1.3 * east)
 
 
 def test_a_plain_network_gets_all_that_needs_no_sidewalk(plain):
