@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,13 +69,23 @@ class Sensors:
         table[:, 1:] = state.command
         return table
 
+    def frames(self, worlds: Iterable[int]) -> dict[int, SensorFrame]:
+        """Everything that some worlds sense now, in arrays of their own."""
+        chosen = list(worlds)
+        selected = np.zeros(len(self.world), np.bool_)
+        selected[chosen] = True
+        maps, measurements = self.route_maps(selected), self.measurements()
+        return {
+            n: SensorFrame(
+                images=self.images(n),
+                intrinsics=self.settings.rig.intrinsics(),
+                extrinsics=self.settings.rig.extrinsics(),
+                route_map=maps[n].copy(),
+                measurements=measurements[n].copy(),
+            )
+            for n in chosen
+        }
+
     def frame(self, n: int) -> SensorFrame:
-        """Everything that world ``n`` senses now, in arrays of its own."""
-        selected = np.arange(len(self.world)) == n
-        return SensorFrame(
-            images=self.images(n),
-            intrinsics=self.settings.rig.intrinsics(),
-            extrinsics=self.settings.rig.extrinsics(),
-            route_map=self.route_maps(selected)[n].copy(),
-            measurements=self.measurements()[n].copy(),
-        )
+        """Everything that world ``n`` senses now."""
+        return self.frames([n])[n]

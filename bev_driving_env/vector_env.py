@@ -222,7 +222,7 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         worlds = range(self.num_envs) if fresh is None else np.flatnonzero(fresh).tolist()
         if self.settings.cameras or self.policy_view.needs_frame:
             everyone = range(self.num_envs) if self.settings.cameras else worlds
-            frames = {n: self.sensors.frame(n) for n in everyone if self._placed[n]}
+            frames = self.sensors.frames(n for n in everyone if self._placed[n])
         observation: BatchedObservation = {}
         if self.settings.cameras:
             size = self.world.config.bev.size
@@ -286,7 +286,7 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         """
         if not self._placed.all():
             raise gym.error.ResetNeeded("call reset() before sensor_frames()")
-        return [self.sensors.frame(n) for n in range(self.num_envs)]
+        return list(self.sensors.frames(range(self.num_envs)).values())
 
     def snapshot(self) -> VectorSnapshot:
         """Copy the state of all worlds, random generators included.

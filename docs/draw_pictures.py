@@ -80,16 +80,21 @@ def draw_town(town: str, width_px: int = 760) -> NDArray[np.uint8]:
     return picture.image
 
 
-def draw_place(options: dict[str, int], route_m: float) -> NDArray[np.uint8]:
-    """The BEV in colour and its first three channels, seen by the expert at some route metre."""
-    env = gym.make("BEVTown01-v0")
+def at(town: str, options: dict[str, int], route_m: float, **keywords: Any) -> BEVTownEnv:
+    """An environment whose expert has driven some route metres."""
+    env = gym.make(f"BEV{town}-v0", **keywords).unwrapped
+    assert isinstance(env, BEVTownEnv)
     observation, info = env.reset(seed=0, options=options)
     expert = Expert(env)
     while info["route_m"] < route_m:
         observation, _, _, _, info = env.step(expert.act(observation))
-    tiles = [bev_image(observation["bev"])]
-    for plane in observation["bev"][:3]:
-        tiles.append(np.repeat(plane[..., None], 3, axis=2))
+    return env
+
+
+def draw_place(options: dict[str, int], route_m: float) -> NDArray[np.uint8]:
+    """The BEV in colour and its first three channels, seen by the expert at some route metre."""
+    bev = at("Town01", options, route_m).ground_truth_bev()
+    tiles = [bev_image(bev), *(np.repeat(plane[..., None], 3, axis=2) for plane in bev[:3])]
     for tile, name in zip(tiles, ("all channels", *CHANNELS[:3]), strict=True):
         write(tile, name, (6, 14), 0.4)
         tile[:, -2:] = 255
@@ -112,17 +117,6 @@ def draw_highway(seed: int = 3, steps: int = 5) -> NDArray[np.uint8]:
         tile[:, -2:] = 255
         tiles.append(tile)
     return np.hstack(tiles)
-
-
-def at(town: str, options: dict[str, int], route_m: float, **keywords: Any) -> BEVTownEnv:
-    """An environment whose expert has driven some route metres."""
-    env = gym.make(f"BEV{town}-v0", **keywords).unwrapped
-    assert isinstance(env, BEVTownEnv)
-    observation, info = env.reset(seed=0, options=options)
-    expert = Expert(env)
-    while info["route_m"] < route_m:
-        observation, _, _, _, info = env.step(expert.act(observation))
-    return env
 
 
 def draw_looks() -> NDArray[np.uint8]:

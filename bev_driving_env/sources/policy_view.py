@@ -134,9 +134,11 @@ class PolicyView:
             done.update(mine)
             self._feeds.append(_Feed(by_channel[channel], mine, asked & set(mine), worlds))
         self._size = size
-        self._bev = np.zeros((worlds, len(CHANNELS), size, size), np.uint8)
         self.names = tuple(source_name(by_channel[channel]) for channel in CHANNELS)
         self.is_truth = all(type(feed.of(0)) is GroundTruth for feed in self._feeds)
+        # of the truth, which costs less to make again than to keep, nothing is kept
+        kept = 0 if self.is_truth else worlds
+        self._bev = np.zeros((kept, len(CHANNELS), size, size), np.uint8)
         self.needs_frame = any(feed.needs_frame for feed in self._feeds)
         self.needs_truth = any(feed.needs_truth for feed in self._feeds)
 
