@@ -4,7 +4,6 @@ import re
 
 import numpy as np
 import pytest
-import torch
 
 from bev_driving_env.frames import CHANNELS
 from bev_driving_env.sources.checked import (
@@ -117,11 +116,16 @@ def test_the_array_of_the_source_is_left_as_it_was_even_if_it_is_read_only():
         (None, "None (is there a return statement?)"),
         (FLAT.tolist(), "list"),
         ((FLAT, FLAT), "tuple"),
-        (torch.zeros(2, SIZE, SIZE), "torch.Tensor (take .detach().cpu().numpy())"),
     ],
 )
 def test_what_is_no_array_is_refused_by_its_type(planes, named):
     assert f"returned {named}, expected" in message_of(planes)
+
+
+def test_a_tensor_is_refused_with_the_way_to_make_an_array_of_it():
+    torch = pytest.importorskip("torch")
+    named = "torch.Tensor (take .detach().cpu().numpy())"
+    assert f"returned {named}, expected" in message_of(torch.zeros(2, SIZE, SIZE))
 
 
 @pytest.mark.parametrize(
