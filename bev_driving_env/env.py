@@ -199,6 +199,8 @@ class BEVTownEnv(gym.Env[Any, Any]):
         self.sensors = Sensors(self.world, self.settings.camera_settings())
         self.policy_view = PolicyView(self.settings.bev_source, 1, config.bev.size)
         self.action_space = action_space()
+        if self.settings.cameras or self.policy_view.needs_frame:
+            self.sensors.prepare()
         images = self.sensors.settings.rig.shape if self.settings.cameras else None
         self.observation_space = observation_space(config.bev, config.top_speed_mps, images=images)
         self._placed = False

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from .bev import bev_window
 from .cameras.renderer import CameraRenderer, CameraSettings
+from .kernels.jit import announce_compilation
 from .kernels.layout import SPEED
 from .kernels.route_map import render_route_maps
 from .sources.protocol import SensorFrame
@@ -34,10 +35,18 @@ class Sensors:
 
     @functools.cached_property
     def cameras(self) -> CameraRenderer:
-        """The camera renderer, built when the first image is needed."""
+        """The camera renderer, built when it is first needed."""
         vehicle = self.world.config.vehicle
         size = float(vehicle.length_m), float(vehicle.width_m)
-        return CameraRenderer(self.world.town, self.settings, size)
+        with announce_compilation():
+            renderer = CameraRenderer(self.world.town, self.settings, size)
+            # compiles or loads the kernels now, so that no later step pays for it
+            renderer.render(self.world.state, 0)
+        return renderer
+
+    def prepare(self) -> None:
+        """Build what the first image needs, if it is not there yet."""
+        _ = self.cameras
 
     def images(self, n: int) -> NDArray[np.uint8]:
         """Camera images (C, H, W, 3) uint8 RGB of world ``n``, newly made."""

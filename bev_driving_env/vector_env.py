@@ -93,6 +93,8 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         self.policy_view = PolicyView(self.settings.bev_source, self.num_envs, config.bev.size)
         self._max_episode_steps = max_episode_steps
         self.single_action_space = action_space()
+        if self.settings.cameras or self.policy_view.needs_frame:
+            self.sensors.prepare()
         images = self.sensors.settings.rig.shape if self.settings.cameras else None
         self.single_observation_space = observation_space(
             config.bev, config.top_speed_mps, images=images
