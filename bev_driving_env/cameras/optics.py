@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ..kernels import paints as paint
 from ..kernels.shading import HAZE_STEPS, Atmosphere
 from ..kernels.shapes import Lighting
+from ..kernels.view import Vector
 from ..towns.ground import CODE_EIGHTHS, CODE_MATERIALS, MATERIALS, SHARES
 from .look import Look
 from .palettes import GRAIN
@@ -43,7 +44,7 @@ class Optics:
         veil: (C, H, W) uint8.
         beam: (C, H, W) uint8.
         balance: (C, 3).
-        veil_rgb: (3,).
+        veil_rgb: A colour.
         sunny: Whether things cast shadows.
         axes: (C, 3, 3) right, down, forward of each camera as really mounted, in the body frame.
         places: (C, 3) its real position.
@@ -55,7 +56,7 @@ class Optics:
     veil: NDArray[np.uint8]
     beam: NDArray[np.uint8]
     balance: F32
-    veil_rgb: F32
+    veil_rgb: Vector
     sunny: bool
     axes: NDArray[np.float64]
     places: NDArray[np.float64]
@@ -79,7 +80,7 @@ def build_optics(look: Look, rig: CameraRig, *, misaligned: bool) -> Optics:
         veil=veil,
         beam=_beams(look, rig),
         balance=(look.balance * 1.0).astype(np.float32),
-        veil_rgb=veil_rgb.astype(np.float32),
+        veil_rgb=_vector(veil_rgb),
         sunny=look.sun > 0.15,
         axes=axes,
         places=places,
@@ -98,6 +99,12 @@ def mounts(
     return np.array([camera_axes(angles) for angles in angles_deg]), places
 
 
+def _vector(values: NDArray[np.float64]) -> Vector:
+    """Three numbers as a tuple."""
+    x, y, z = values.tolist()
+    return x, y, z
+
+
 def _brightness(look: Look) -> float:
     """Light that falls on level ground, about 1 at noon."""
     return float(min(1.0, look.ambient + look.sun * math.sin(look.sun_elevation_rad)))
@@ -114,8 +121,8 @@ def _lighting(look: Look) -> Lighting:
         sun_x=x,
         sun_y=y,
         sun_z=z,
-        sun=(look.sun * np.array(condition.sun_tint)).astype(np.float32),
-        ambient=(look.ambient * np.array(condition.ambient_tint)).astype(np.float32),
+        sun=_vector(look.sun * np.array(condition.sun_tint)),
+        ambient=_vector(look.ambient * np.array(condition.ambient_tint)),
         paints=paints.astype(np.float32),
     )
 
@@ -132,13 +139,13 @@ def _atmosphere(look: Look) -> Atmosphere:
     sheen = 0.62 * look.wetness * depth / (depth + 9.0)
     return Atmosphere(
         ground=_ground_table(look, lit),
-        shadow=(ambient / lit).astype(np.float32),
+        shadow=_vector(ambient / lit),
         haze=(1.0 - np.exp(-depth / look.sight_m)).astype(np.float32),
         sheen=sheen.astype(np.float32),
-        haze_rgb=haze_rgb.astype(np.float32),
-        zenith_rgb=np.array(condition.zenith_rgb, np.float32),
-        glow_rgb=(330.0 * look.sun * np.array(condition.sun_tint)).astype(np.float32),
-        cloud_rgb=np.array(condition.cloud_rgb, np.float32),
+        haze_rgb=condition.haze_rgb,
+        zenith_rgb=condition.zenith_rgb,
+        glow_rgb=_vector(330.0 * look.sun * np.array(condition.sun_tint)),
+        cloud_rgb=condition.cloud_rgb,
         clouds=look.clouds,
         pages=texture_pages(),
         codes=code_table(
@@ -146,7 +153,7 @@ def _atmosphere(look: Look) -> Atmosphere:
             np.array(WINDOW_LIGHT),
             condition.lit_windows,
         ),
-        sun=look.sun_direction.astype(np.float32),
+        sun=_vector(look.sun_direction),
         beam=BEAM * condition.headlights,
         grain=grain_tile(),
         smooth=smooth_tile(),

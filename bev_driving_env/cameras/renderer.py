@@ -10,7 +10,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.camera import Ego, Scenery, Workspace, add_noise, new_workspace, render_cameras
+from ..kernels.camera import (
+    Ego,
+    Scenery,
+    Workspace,
+    add_noise,
+    list_faces,
+    new_workspace,
+    paint_images,
+)
 from ..kernels.layout import HEADING, PITCH, ROLL, X, Y
 from ..kernels.noise import mix
 from ..kernels.shading import GroundTexture
@@ -76,7 +84,9 @@ class CameraRenderer:
         )
         self._ego_size_m = ego_size_m
         height, width = settings.rig.size
-        self._workspace: Workspace = new_workspace(self._scenery, height, width)
+        self._workspace: Workspace = new_workspace(
+            self._scenery, len(settings.rig.cameras), height, width
+        )
         self._planes = np.empty((len(settings.rig.cameras), 3, height, width), np.uint8)
         self._intrinsics = settings.rig.intrinsics().astype(np.float64)
         # worlds of one environment need a look each; old ones make room for new ones
@@ -107,40 +117,57 @@ class CameraRenderer:
         look, optics = self._dressed(seed) if look is None else self._with_optics(look)
         moving = float(self.settings.motion)
         ego = state.ego[world]
-        render_cameras(
-            self._ground,
-            self._scenery,
-            optics.lighting,
-            optics.atmosphere,
-            optics.gain,
-            optics.veil,
-            optics.beam,
-            optics.balance,
-            optics.veil_rgb,
+        (height, width), buffers = self.settings.rig.size, self._workspace
+        motion = (
             Ego(ego[X], ego[Y], ego[HEADING], *self._ego_size_m),
             moving * state.attitude[world, PITCH],
             moving * state.attitude[world, ROLL],
             optics.axes,
             optics.places,
             self._intrinsics,
+        )
+        list_faces(
+            self._scenery,
+            optics.lighting,
+            *motion,
+            height,
+            width,
             state.vehicles[world],
             state.pedestrians[world],
             state.signals[world],
             optics.sunny,
-            self._workspace,
+            buffers.nearby,
+            buffers.skyline,
+            buffers.hull,
+            buffers.records,
+            buffers.starts,
+        )
+        paint_images(
+            self._ground,
+            optics.atmosphere,
+            optics.gain,
+            optics.veil,
+            optics.beam,
+            optics.balance,
+            optics.veil_rgb,
+            *motion,
+            buffers.canvas,
+            buffers.records,
+            buffers.starts,
+            buffers.scratch,
+            buffers.dither,
             self._planes,
         )
+        return self._develop(look, seed, int(state.steps[world]))
+
+    def _develop(self, look: Look, seed: int, step: int) -> NDArray[np.uint8]:
+        """The painted images, blurred by the lens and with noise of the sensor."""
         images = np.empty(self.settings.rig.shape, np.uint8)
+        blur = look.blur_px * self.settings.rig.size[1] / 240.0
         for planes, image in zip(self._planes, images, strict=True):
             cv2.merge(list(planes), dst=image)
-        self._expose(images, look, seed, int(state.steps[world]))
-        return images
-
-    def _expose(self, images: NDArray[np.uint8], look: Look, seed: int, step: int) -> None:
-        """Blur by the lens and noise by the sensor, in place."""
-        blur = look.blur_px * self.settings.rig.size[1] / 240.0
-        if blur >= 0.25:
-            for image in images:
+            if blur >= 0.25:
                 cv2.GaussianBlur(image, (3, 3), blur, dst=image)
         start = int(mix(mix(seed, SENSOR_NOISE) >> 1, step) % NOISE_TILE)
         add_noise(images, noise_tile(round(10.0 * look.noise)), start)
+        return images

@@ -9,8 +9,11 @@ from .jit import kernel
 from .layout import SIGNAL_GREEN, SIGNAL_RED, SIGNAL_YELLOW
 from .shapes import (
     EMISSIVE,
+    FLAT,
     GLASS,
+    NO_VARIANT,
     PLAIN,
+    ROUND,
     SLATS,
     Lighting,
     Records,
@@ -122,10 +125,10 @@ def draw_bike(
         PLAIN, body, variant,
     )  # fmt: skip
     draw_sprite(
-        view, records, lighting, x - 0.15 * cos, y - 0.15 * sin, 1.15, 0.26, 0.4, False,
+        view, records, lighting, x - 0.15 * cos, y - 0.15 * sin, 1.15, 0.26, 0.4, FLAT,
         paint.CLOTH + variant % paint.CLOTHES, PLAIN, variant,
     )  # fmt: skip
-    draw_sprite(view, records, lighting, x, y, 1.68, 0.15, 0.16, True, paint.TYRE, PLAIN, variant)
+    draw_sprite(view, records, lighting, x, y, 1.68, 0.15, 0.16, ROUND, paint.TYRE, PLAIN, variant)
 
 
 @kernel
@@ -146,16 +149,16 @@ def draw_person(
     upper = paint.CLOTH + variant % paint.CLOTHES
     skin = paint.SKIN + variant % paint.SKINS
     draw_sprite(
-        view, records, lighting, x, y, hip / 2.0, 0.72 * half, hip / 2.0, False, lower,
+        view, records, lighting, x, y, hip / 2.0, 0.72 * half, hip / 2.0, FLAT, lower,
         SLATS, variant,
     )  # fmt: skip
     draw_sprite(
-        view, records, lighting, x, y, (hip + neck) / 2.0, half, (neck - hip) / 2.0, False,
+        view, records, lighting, x, y, (hip + neck) / 2.0, half, (neck - hip) / 2.0, FLAT,
         upper, PLAIN, variant,
     )  # fmt: skip
     draw_sprite(
         view, records, lighting, x, y, 0.92 * height_m, 0.09 * height_m, 0.085 * height_m,
-        True, skin, PLAIN, variant,
+        ROUND, skin, PLAIN, variant,
     )  # fmt: skip
 
 
@@ -171,10 +174,12 @@ def draw_signal(
     state: int,
 ) -> None:
     """A signal post with a head of three lamps that faces (cos, sin)."""
-    draw_sprite(view, records, lighting, x, y, 1.2, 0.08, 1.25, False, paint.METAL, PLAIN, 0)
+    draw_sprite(
+        view, records, lighting, x, y, 1.2, 0.08, 1.25, FLAT, paint.METAL, PLAIN, NO_VARIANT
+    )
     draw_box(
         view, records, lighting, x, y, cos, sin, 0.16, 0.24, SIGNAL_HEAD_M - 0.5,
-        SIGNAL_HEAD_M + 0.55, paint.HOUSING, PLAIN, paint.HOUSING, 0,
+        SIGNAL_HEAD_M + 0.55, paint.HOUSING, PLAIN, paint.HOUSING, NO_VARIANT,
     )  # fmt: skip
     lit = (state == SIGNAL_RED, state == SIGNAL_YELLOW, state == SIGNAL_GREEN)
     for k in range(3):
@@ -182,5 +187,5 @@ def draw_signal(
         draw_disc(
             view, records, lighting, x + 0.17 * cos, y + 0.17 * sin,
             SIGNAL_HEAD_M + 0.34 - 0.32 * k, cos, sin, 0.14, 0.14, slot,
-            EMISSIVE if lit[k] else PLAIN, 0,
+            EMISSIVE if lit[k] else PLAIN, NO_VARIANT,
         )  # fmt: skip

@@ -13,12 +13,13 @@ from .actors import draw_person, draw_signal, draw_vehicle, vehicle_height
 from .jit import kernel
 from .layout import HEADING, LENGTH, WIDTH, X, Y
 from .mesh import Canvas, fill_faces, new_canvas
-from .occlusion import Skyline, is_hidden, nearest_first, raise_skyline
+from .occlusion import Skyline, is_hidden, nearest_first, raise_skyline, within_reach
 from .shading import Atmosphere, GroundTexture, Lens, RowScratch, shade_image
 from .shadows import cast_box, cast_crown, cast_vehicle
 from .shapes import (
     BRICKS,
     FOLIAGE,
+    TWO_SIDED,
     Lighting,
     Records,
     draw_box,
@@ -27,7 +28,7 @@ from .shapes import (
     draw_wall,
     new_records,
 )
-from .view import View, may_see
+from .view import Vector, View, may_see
 
 SIGHT_M = 150.0
 TREES_M = 90.0
@@ -75,12 +76,13 @@ class Nearby(NamedTuple):
 
 
 class Workspace(NamedTuple):
-    """Buffers for images of one size, used again for every image."""
+    """Buffers for images of one size; those of camera c list their faces from ``starts[c]`` on."""
 
     nearby: Nearby
     skyline: Skyline
     canvas: Canvas
     records: Records
+    starts: NDArray[np.int64]
     scratch: RowScratch
     dither: NDArray[np.float32]
     hull: NDArray[np.float64]
@@ -96,7 +98,7 @@ class Ego(NamedTuple):
     width_m: float
 
 
-def new_workspace(scenery: Scenery, height: int, width: int) -> Workspace:
+def new_workspace(scenery: Scenery, cameras: int, height: int, width: int) -> Workspace:
     """Buffers for images of height by width in some scenery."""
     rng = np.random.default_rng(0)
     tables = (scenery.boxes, scenery.gables, scenery.sprites, scenery.cars, scenery.kerbs)
@@ -107,6 +109,7 @@ def new_workspace(scenery: Scenery, height: int, width: int) -> Workspace:
         skyline=Skyline(np.zeros(width), np.zeros(width)),
         canvas=new_canvas(height, width),
         records=new_records(),
+        starts=np.zeros(cameras + 1, np.int64),
         scratch=RowScratch(
             np.zeros((2, width), np.float32),
             np.zeros(width, np.int32),
@@ -165,8 +168,12 @@ def camera_view(
         intrinsics[0, 0],
         intrinsics[0, 2],
         intrinsics[1, 2],
-        turned[:3],
-        turned[3],
+        (
+            (turned[0, 0], turned[0, 1], turned[0, 2]),
+            (turned[1, 0], turned[1, 1], turned[1, 2]),
+            (turned[2, 0], turned[2, 1], turned[2, 2]),
+        ),
+        (turned[3, 0], turned[3, 1], turned[3, 2]),
     )
 
 
@@ -175,11 +182,13 @@ def find_nearby(scenery: Scenery, ego: Ego, nearby: Nearby) -> None:
     """List what is near enough to be seen, the nearest first, once for all cameras."""
     x, y = ego.x, ego.y
     counts = nearby.counts
-    counts[BOXES] = nearest_first(scenery.boxes, 4, x, y, SIGHT_M, nearby.boxes)
-    counts[GABLES] = nearest_first(scenery.gables, 4, x, y, SIGHT_M, nearby.gables)
-    counts[SPRITES] = nearest_first(scenery.sprites, -1, x, y, TREES_M, nearby.sprites)
-    counts[CARS] = nearest_first(scenery.cars, -1, x, y, CARS_M, nearby.cars)
-    counts[KERBS] = nearest_first(scenery.kerbs, -1, x, y, KERBS_M, nearby.kerbs)
+    counts[BOXES] = nearest_first(scenery.boxes, scenery.boxes[:, 4], x, y, SIGHT_M, nearby.boxes)
+    counts[GABLES] = nearest_first(
+        scenery.gables, scenery.gables[:, 4], x, y, SIGHT_M, nearby.gables
+    )
+    counts[SPRITES] = within_reach(scenery.sprites, x, y, TREES_M, nearby.sprites)
+    counts[CARS] = within_reach(scenery.cars, x, y, CARS_M, nearby.cars)
+    counts[KERBS] = within_reach(scenery.kerbs, x, y, KERBS_M, nearby.kerbs)
 
 
 @kernel
@@ -264,7 +273,7 @@ def draw_street(
         if may_see(view, x, y, 5.0, KERBS_M):
             draw_wall(
                 view, records, lighting, kerb[0], kerb[1], kerb[2], kerb[3], 0.0,
-                KERB_HEIGHT_M, paint.KERB, BRICKS, nearby.kerbs[i], False,
+                KERB_HEIGHT_M, paint.KERB, BRICKS, nearby.kerbs[i], TWO_SIDED,
             )  # fmt: skip
 
 
@@ -377,63 +386,59 @@ def cast_shadows(
 
 
 @kernel
-def render_cameras(
-    ground: GroundTexture,
+def list_faces(
     scenery: Scenery,
     lighting: Lighting,
-    atmosphere: Atmosphere,
-    gain: NDArray,
-    veil: NDArray,
-    beam: NDArray,
-    balance: NDArray,
-    veil_rgb: NDArray,
     ego: Ego,
     pitch_rad: float,
     roll_rad: float,
     axes: NDArray,
     places: NDArray,
     intrinsics: NDArray,
+    height: int,
+    width: int,
     vehicles: NDArray,
     pedestrians: NDArray,
     signals: NDArray,
     sunny: bool,
-    workspace: Workspace,
-    planes: NDArray,
+    nearby: Nearby,
+    skyline: Skyline,
+    hull: NDArray,
+    records: Records,
+    starts: NDArray,
 ) -> None:
-    """Render the images of one world, colour by colour, without sensor noise.
+    """List the faces and shadows that each camera sees, for ``paint_images``.
+
+    Two kernels, not one: each is optimised together with all that it calls, which takes long.
 
     Args:
-        ground: Ground texture.
         scenery: What does not move.
         lighting: Sun, sky and paints.
-        atmosphere: Weather.
-        gain: (C, H, W) uint8, see ``Lens``.
-        veil: (C, H, W) uint8.
-        beam: (C, H, W) uint8.
-        balance: (C, 3).
-        veil_rgb: (3,).
         ego: The car.
         pitch_rad: Its nose down.
         roll_rad: Its right side down.
         axes: (C, 3, 3) right, down, forward of each camera as it is mounted, in the body frame.
         places: (C, 3) positions in the body frame.
         intrinsics: (C, 3, 3).
+        height: Rows of the images.
+        width: Columns.
         vehicles: (V, 6).
         pedestrians: (P, 6).
         signals: (S,) states.
         sunny: Whether things cast shadows.
-        workspace: Buffers.
-        planes: (C, 3, H, W) uint8 output.
+        nearby: Buffer.
+        skyline: Buffer.
+        hull: See ``cast_box``.
+        records: Gets the faces.
+        starts: (C + 1,) output, where each camera's begin.
     """
-    canvas, records = workspace.canvas, workspace.records
-    nearby, skyline = workspace.nearby, workspace.skyline
     find_nearby(scenery, ego, nearby)
-    for c in range(planes.shape[0]):
+    records.used[0] = 1
+    for c in range(axes.shape[0]):
         view = camera_view(
-            ego, pitch_rad, roll_rad, axes[c], places[c], intrinsics[c], planes.shape[2],
-            planes.shape[3],
-        )  # fmt: skip
-        records.used[0] = 1
+            ego, pitch_rad, roll_rad, axes[c], places[c], intrinsics[c], height, width
+        )
+        starts[c] = records.used[0]
         skyline.row[:] = np.inf
         skyline.nearness[:] = 0.0
         draw_buildings(view, records, lighting, scenery, nearby, skyline)
@@ -441,12 +446,66 @@ def render_cameras(
         draw_actors(view, records, lighting, scenery, vehicles, pedestrians, signals)
         cast_shadows(
             view, records, lighting, scenery, nearby, ego, vehicles, pedestrians, sunny,
-            workspace.hull,
+            hull,
         )  # fmt: skip
-        fill_faces(view, canvas, records)
-        lens = Lens(gain[c], veil[c], beam[c], balance[c], veil_rgb)
+    starts[axes.shape[0]] = records.used[0]
+
+
+@kernel
+def paint_images(
+    ground: GroundTexture,
+    atmosphere: Atmosphere,
+    gain: NDArray,
+    veil: NDArray,
+    beam: NDArray,
+    balance: NDArray,
+    veil_rgb: Vector,
+    ego: Ego,
+    pitch_rad: float,
+    roll_rad: float,
+    axes: NDArray,
+    places: NDArray,
+    intrinsics: NDArray,
+    canvas: Canvas,
+    records: Records,
+    starts: NDArray,
+    scratch: RowScratch,
+    dither: NDArray,
+    planes: NDArray,
+) -> None:
+    """Render the images of one world, colour by colour, without blur and sensor noise.
+
+    Args:
+        ground: Ground texture.
+        atmosphere: Weather.
+        gain: (C, H, W) uint8, see ``Lens``.
+        veil: (C, H, W) uint8.
+        beam: (C, H, W) uint8.
+        balance: (C, 3).
+        veil_rgb: See ``Lens``.
+        ego: As for ``list_faces``, likewise the next five.
+        pitch_rad: See above.
+        roll_rad: See above.
+        axes: See above.
+        places: See above.
+        intrinsics: See above.
+        canvas: Buffers.
+        records: The faces.
+        starts: (C + 1,) where each camera's begin.
+        scratch: Buffers of a row.
+        dither: See ``shade_image``.
+        planes: (C, 3, H, W) uint8 output.
+    """
+    for c in range(planes.shape[0]):
+        view = camera_view(
+            ego, pitch_rad, roll_rad, axes[c], places[c], intrinsics[c], planes.shape[2],
+            planes.shape[3],
+        )  # fmt: skip
+        fill_faces(view, canvas, records, starts[c], starts[c + 1])
+        white = (balance[c, 0], balance[c, 1], balance[c, 2])
+        lens = Lens(gain[c], veil[c], beam[c], white, veil_rgb)
         shade_image(
-            view, canvas, ground, atmosphere, records, lens, workspace.scratch, workspace.dither,
+            view, canvas, ground, atmosphere, records, lens, scratch, dither,
             planes[c],
         )  # fmt: skip
 

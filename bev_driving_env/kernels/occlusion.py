@@ -27,17 +27,39 @@ class Skyline(NamedTuple):
 
 
 @kernel
+def within_reach(table: NDArray, x: float, y: float, reach_m: float, found: NDArray) -> int:
+    """Rows of a table that start with x, y and lie within reach.
+
+    Args:
+        table: (B, columns).
+        x: Where one looks from.
+        y: See above.
+        reach_m: Farther things are left out.
+        found: (B,) int64 output, row numbers.
+
+    Returns:
+        How many rows are within reach.
+    """
+    count = 0
+    for k in range(table.shape[0]):
+        if (table[k, 0] - x) ** 2 + (table[k, 1] - y) ** 2 < reach_m * reach_m:
+            found[count] = k
+            count += 1
+    return count
+
+
+@kernel
 def nearest_first(
-    table: NDArray, size_column: int, x: float, y: float, reach_m: float, order: NDArray
+    table: NDArray, sizes: NDArray, x: float, y: float, reach_m: float, order: NDArray
 ) -> int:
     """Rows of a table that start with x, y, within reach, the nearest first.
 
     Args:
         table: (B, columns).
-        size_column: Column with half the length of the thing, or -1.
+        sizes: (B,) half the length of each thing, which brings it nearer.
         x: Where one looks from.
         y: See above.
-        reach_m: Things whose centre is farther away, beyond their size, are left out.
+        reach_m: Farther things are left out.
         order: (B,) int64 output.
 
     Returns:
@@ -46,16 +68,22 @@ def nearest_first(
     count = 0
     keys = np.empty(table.shape[0])
     for k in range(table.shape[0]):
-        dx, dy = table[k, 0] - x, table[k, 1] - y
-        distance = math.sqrt(dx * dx + dy * dy)
-        if size_column >= 0:
-            distance -= table[k, size_column]
+        distance = math.sqrt((table[k, 0] - x) ** 2 + (table[k, 1] - y) ** 2) - sizes[k]
         if distance < reach_m:
             keys[count] = distance
             order[count] = k
             count += 1
-    ranks = np.argsort(keys[:count])
-    order[:count] = order[:count][ranks]
+    # Shell's sort: numba's argsort takes seconds to compile
+    gap = count // 2
+    while gap > 0:
+        for i in range(gap, count):
+            key, row = keys[i], order[i]
+            j = i
+            while j >= gap and keys[j - gap] > key:
+                keys[j], order[j] = keys[j - gap], order[j - gap]
+                j -= gap
+            keys[j], order[j] = key, row
+        gap //= 2
     return count
 
 
@@ -73,9 +101,9 @@ def is_hidden(
     half = view.focal_px * radius_m * 1.5 / nearest
     half += abs(middle - view.center_u) * radius_m / nearest
     top = view.center_v + view.focal_px * down / (nearest if down < 0.0 else depth + radius_m)
-    top -= view.focal_px * radius_m * abs(view.axes[1, 2] + 1.0) / nearest + SAFETY_PX
+    top -= view.focal_px * radius_m * abs(view.axes[1][2] + 1.0) / nearest + SAFETY_PX
     # a rolled camera sees it lean
-    half += abs(view.axes[0, 2]) * view.focal_px * (high_m + view.place[2]) / nearest + SAFETY_PX
+    half += abs(view.axes[0][2]) * view.focal_px * (high_m + view.place[2]) / nearest + SAFETY_PX
     first, last = int(middle - half), int(middle + half) + 1
     if last < 0 or first >= view.width:
         return True
@@ -106,7 +134,7 @@ def raise_skyline(
         a_depth, b_depth, c_depth, d_depth = b_depth, a_depth, d_depth, c_depth
     left = view.center_u + view.focal_px * max(au, cu) + SAFETY_PX
     right = view.center_u + view.focal_px * min(bu, du) - SAFETY_PX
-    first, last = max(int(math.ceil(left)), 0), min(int(math.floor(right)), view.width - 1)
+    first, last = max(math.ceil(left), 0), min(math.floor(right), view.width - 1)
     if last < first:
         return
     slope = (bv - av) / (bu - au)

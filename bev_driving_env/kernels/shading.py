@@ -20,7 +20,7 @@ from .surfaces import (
     shade_faces,
     shade_sky,
 )
-from .view import View
+from .view import Vector, View
 
 FARTHEST_M = 400.0
 HAZE_STEPS = 2048
@@ -47,34 +47,34 @@ class Atmosphere(NamedTuple):
 
     Attributes:
         ground: (256,) int32 lit colour of each texel code, and how grainy it is: a byte each.
-        shadow: (3,) what is left of the ground's colour in a shadow.
+        shadow: What is left of the ground's colour in a shadow.
         haze: (HAZE_STEPS,) share of haze by inverse depth.
         sheen: (HAZE_STEPS,) share of sky that wet ground mirrors, by inverse depth.
-        haze_rgb: (3,) colour of haze and horizon.
-        zenith_rgb: (3,) colour overhead.
-        glow_rgb: (3,) what the sun adds to the sky around it.
-        cloud_rgb: (3,) colour of clouds.
+        haze_rgb: Colour of haze and horizon.
+        zenith_rgb: Colour overhead.
+        glow_rgb: What the sun adds to the sky around it.
+        cloud_rgb: Colour of clouds.
         clouds: Share of the sky they cover.
         pages: Textures of upright faces (``cameras.textures``).
         codes: (256,) int32 what each of their codes does to a colour.
-        sun: (3,) direction towards the sun.
+        sun: Direction towards the sun.
         beam: Strength of the headlights.
         grain: (16384,) float32 noise of 128 x 128 that repeats, about -1 to 1.
         smooth: (16384,) float32 noise that repeats, slowly varying, about -1 to 1.
     """
 
     ground: NDArray[np.int32]
-    shadow: NDArray[np.float32]
+    shadow: Vector
     haze: NDArray[np.float32]
     sheen: NDArray[np.float32]
-    haze_rgb: NDArray[np.float32]
-    zenith_rgb: NDArray[np.float32]
-    glow_rgb: NDArray[np.float32]
-    cloud_rgb: NDArray[np.float32]
+    haze_rgb: Vector
+    zenith_rgb: Vector
+    glow_rgb: Vector
+    cloud_rgb: Vector
     clouds: float
     pages: NDArray[np.uint8]
     codes: NDArray[np.int32]
-    sun: NDArray[np.float32]
+    sun: Vector
     beam: float
     grain: NDArray[np.float32]
     smooth: NDArray[np.float32]
@@ -87,15 +87,15 @@ class Lens(NamedTuple):
         gain: (H, W) uint8, 128 leaves the colour alone: exposure, vignette, dirt.
         veil: (H, W) uint8, how much of ``veil_rgb`` is added: dirt, glare.
         beam: (H, W) uint8, how much of the headlights' light each pixel gets.
-        balance: (3,) white balance.
-        veil_rgb: (3,) colour of the veil.
+        balance: White balance.
+        veil_rgb: Colour of the veil.
     """
 
     gain: NDArray[np.uint8]
     veil: NDArray[np.uint8]
     beam: NDArray[np.uint8]
-    balance: NDArray[np.float32]
-    veil_rgb: NDArray[np.float32]
+    balance: Vector
+    veil_rgb: Vector
 
 
 class RowScratch(NamedTuple):
@@ -112,11 +112,11 @@ class RowScratch(NamedTuple):
 def row_sampling(view: View, ground: GroundTexture, row: float) -> tuple[int, int]:
     """Level of the ground pyramid and number of samples that suit an image row."""
     axes = view.axes
-    slope = axes[1, 2] * (row - view.center_v) / view.focal_px + axes[2, 2]
+    slope = axes[1][2] * (row - view.center_v) / view.focal_px + axes[2][2]
     depth = view.place[2] / max(-slope, view.place[2] / FARTHEST_M)
     across_m = depth / view.focal_px
     along_m = depth * depth / (view.focal_px * view.place[2])
-    level = int(math.floor(math.log2(max(across_m * ground.px_per_m, 1.0)) + 0.5))
+    level = math.floor(math.log2(max(across_m * ground.px_per_m, 1.0)) + 0.5)
     level = min(level, ground.shapes.shape[0] - 1)
     texel_m = 2.0**level / ground.px_per_m
     samples = int(along_m / (1.5 * texel_m)) + 1
@@ -128,12 +128,33 @@ def row_sampling(view: View, ground: GroundTexture, row: float) -> tuple[int, in
 
 
 @kernel
-def set_ray(view: View, row: float, ray: NDArray) -> None:
-    """World direction (3,) of the pixel at column 0 of a row, at depth 1."""
+def ray_of(view: View, row: float) -> Vector:
+    """World direction of the pixel at column 0 of a row, at depth 1."""
     ahead = (row - view.center_v) / view.focal_px
     start = -view.center_u / view.focal_px
-    for k in range(3):
-        ray[k] = view.axes[1, k] * ahead + view.axes[2, k] + view.axes[0, k] * start
+    right, down, forward = view.axes
+    return (
+        down[0] * ahead + forward[0] + right[0] * start,
+        down[1] * ahead + forward[1] + right[1] * start,
+        down[2] * ahead + forward[2] + right[2] * start,
+    )
+
+
+@kernel
+def along_row(table: NDArray, first: int, last: int, span: int) -> tuple[float, float]:
+    """An entry of a table, and the change per column to another one that is ``span`` away."""
+    return table[first], (table[last] - table[first]) / span
+
+
+@kernel
+def free_span(faces: NDArray) -> tuple[int, int]:
+    """First column of a row without a face, and the one after the last; equal if all have one."""
+    first, stop = 0, faces.shape[0]
+    while stop > 0 and faces[np.uint64(stop - 1)] != 0:
+        stop -= 1
+    while first < stop and faces[np.uint64(first)] != 0:
+        first += 1
+    return first, stop
 
 
 @kernel
@@ -161,24 +182,17 @@ def shade_image(
         dither: (8, 2, W) float32 in [-0.5, 0.5).
         planes: (3, H, W) uint8 output: red, green, blue.
     """
-    ray, step, place = np.empty(3, np.float32), np.empty(3, np.float32), np.empty(3, np.float32)
-    haze, sheen = np.empty(2, np.float32), np.empty(2, np.float32)
-    for k in range(3):
-        step[k] = view.axes[0, k] / view.focal_px
+    right = view.axes[0]
+    step = (right[0] / view.focal_px, right[1] / view.focal_px, right[2] / view.focal_px)
     # relative to the texture's corner, where 32 bits resolve a tenth of a millimetre
-    place[0], place[1] = view.place[0] - ground.x0_m, view.place[1] - ground.y0_m
-    place[2] = view.place[2]
+    place = (view.place[0] - ground.x0_m, view.place[1] - ground.y0_m, view.place[2])
     height_m, least = view.place[2], 1.0 / FARTHEST_M
     top = HAZE_STEPS - 1.0
     rgb = scratch.rgb
     for v in range(view.height):
         faces = canvas.face[v]
-        first, stop = view.width, 0
-        for u in range(view.width):
-            if faces[u] == 0:
-                first = min(first, u)
-                stop = u + 1
-        set_ray(view, v, ray)
+        first, stop = free_span(faces)
+        ray = ray_of(view, v)
         left, slope = -ray[2] / height_m, -step[2] / height_m
         nearness0, nearness1 = left + slope * first, left + slope * (stop - 1)
         begin, end = first, stop
@@ -205,20 +219,18 @@ def shade_image(
             texels = ground.texels[offset : offset + rows * columns]
             scratch.sums[:] = 0
             for k in range(samples):
-                set_ray(view, v + (k + 0.5) / samples - 0.5, ray)
+                between = ray_of(view, v + (k + 0.5) / samples - 0.5)
                 add_ground(
-                    begin, end, ray, step, place, ground.px_per_m / 2.0**level, rows, columns,
+                    begin, end, between, step, place, ground.px_per_m / 2.0**level, rows, columns,
                     texels, atmosphere.ground, dither[(v + 3 * k) & 7], scratch.where,
                     scratch.texel, scratch.sums,
                 )  # fmt: skip
-            set_ray(view, v, ray)
             nearness0, nearness1 = left + slope * begin, left + slope * (end - 1)
             index0 = int(min(max(nearness0, least), 1.0) * top)
             index1 = int(min(max(nearness1, least), 1.0) * top)
             span = max(end - 1 - begin, 1)
-            haze[0], sheen[0] = atmosphere.haze[index0], atmosphere.sheen[index0]
-            haze[1] = (atmosphere.haze[index1] - haze[0]) / span
-            sheen[1] = (atmosphere.sheen[index1] - sheen[0]) / span
+            haze = along_row(atmosphere.haze, index0, index1, span)
+            sheen = along_row(atmosphere.sheen, index0, index1, span)
             # far away, only stains can be told apart
             fine = level <= FINE_LEVEL
             finish_ground(
@@ -227,36 +239,50 @@ def shade_image(
                 canvas.shadow[v], atmosphere.shadow, haze, sheen, atmosphere.haze_rgb,
                 scratch.sums, scratch.parts, rgb,
             )  # fmt: skip
-        if stop - first < view.width or faces[first:stop].any():
-            shade_faces(
-                view.width, ray, step, view.place, 1.0 / view.focal_px, faces,
-                canvas.nearness[v], records.colour, records.pattern, records.frame,
-                records.variant, atmosphere.pages, atmosphere.codes, atmosphere.haze,
-                atmosphere.haze_rgb, scratch.texel, scratch.parts, rgb,
-            )  # fmt: skip
+        shade_faces(
+            view.width, ray, step, view.place, 1.0 / view.focal_px, faces, canvas.nearness[v],
+            records.table, atmosphere.pages, atmosphere.codes, atmosphere.haze,
+            atmosphere.haze_rgb, scratch.texel, scratch.parts, rgb,
+        )  # fmt: skip
         if atmosphere.beam > 0.0:
             light_row(
-                view.width, left, slope, atmosphere.beam, lens.beam[v], faces,
-                canvas.nearness[v], rgb,
+                left, slope, atmosphere.beam, lens.beam[v], faces, canvas.nearness[v],
+                scratch.parts[0], rgb,
             )  # fmt: skip
         expose_row(rgb, lens.gain[v], lens.veil[v], lens.balance, lens.veil_rgb, planes[:, v])
 
 
 @kernel
 def light_row(
-    width: int,
     left: float,
     slope: float,
     beam: float,
     share: NDArray,
     faces: NDArray,
     nearness: NDArray,
+    light: NDArray,
     rgb: NDArray,
 ) -> None:
-    """Add the ego's headlights to a row: full up to 10 m, then falling with the square."""
-    full = 1.0 / (BEAM_REACH_M * BEAM_REACH_M)
-    for u in range(width):
-        inverse = nearness[u] if faces[u] > 0 else max(left + slope * u, 0.0)
-        light = 1.0 + beam * share[u] / 255.0 * min(inverse * inverse, full) / full
-        for channel in range(3):
-            rgb[channel, u] *= light
+    """Add the ego's headlights to a row: full up to 10 m, then falling with the square.
+
+    Args:
+        left: Inverse depth of the ground at column 0.
+        slope: Its change per column.
+        beam: Strength of the headlights.
+        share: (W,) uint8, how much of them each pixel gets.
+        faces: (W,) faces seen, 0 for none.
+        nearness: (W,) their inverse depths.
+        light: (W,) float32 scratch.
+        rgb: (3, W + 3) colours, changed in place.
+    """
+    f32, i32 = np.float32, np.int32
+    full, start, rise = f32(1.0 / BEAM_REACH_M), f32(left), f32(slope)
+    strength = f32(beam / 255.0 * BEAM_REACH_M * BEAM_REACH_M)
+    for u in range(faces.shape[0]):
+        ground = max(start + rise * f32(i32(u)), f32(0.0))
+        inverse = min(nearness[u] if faces[u] > i32(0) else ground, full)
+        light[u] = f32(1.0) + strength * f32(i32(share[u])) * (inverse * inverse)
+    for channel in range(3):
+        row = rgb[channel]
+        for u in range(faces.shape[0]):
+            row[u] *= light[u]

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .jit import kernel
-from .shapes import Lighting, Records, add_shadow, set_corner
+from .shapes import OCTAGON, RECTANGLE, Lighting, Records, add_shadow, set_corner
 from .view import View, may_see
 
-CAST, UNDER = 1, 2
+CAST, UNDER = np.array([1, 2])
 LONGEST_M = 60.0
 CONTACT_M = 0.02
 
@@ -25,6 +25,49 @@ def shadow_shift(lighting: Lighting, height_m: float) -> tuple[float, float]:
     if length > LONGEST_M:
         dx, dy = dx * LONGEST_M / length, dy * LONGEST_M / length
     return dx, dy
+
+
+@kernel
+def base_and_top(
+    x: float,
+    y: float,
+    ax: float,
+    ay: float,
+    bx: float,
+    by: float,
+    low_x: float,
+    low_y: float,
+    high_x: float,
+    high_y: float,
+    hull: NDArray,
+) -> int:
+    """The outline (hull) of the shadows of a box's base and top; returns its corners' number."""
+    # of the eight corners, the six on the outside: start where the shift turns from in to out
+    count = 0
+    shift_x, shift_y = high_x - low_x, high_y - low_y
+    xs = (ax + bx, ax - bx, -ax - bx, -ax + bx)
+    ys = (ay + by, ay - by, -ay - by, -ay + by)
+    for k in range(4):
+        j, i = (k + 1) % 4, (k + 3) % 4
+        # is the side before, and after, this corner turned to where the shadow falls?
+        before = (ys[k] - ys[i]) * -shift_x + (xs[k] - xs[i]) * shift_y > 0.0
+        after = (ys[j] - ys[k]) * -shift_x + (xs[j] - xs[k]) * shift_y > 0.0
+        if not before or not after:
+            hull[count, 0], hull[count, 1] = x + xs[k] + low_x, y + ys[k] + low_y
+            count += 1
+            if not before and after:
+                hull[count, 0], hull[count, 1] = x + xs[k] + high_x, y + ys[k] + high_y
+                count += 1
+        else:
+            hull[count, 0], hull[count, 1] = x + xs[k] + high_x, y + ys[k] + high_y
+            count += 1
+        if before and not after:
+            # out of the shadow side: its top comes before its base
+            last_x, last_y = hull[count - 1, 0], hull[count - 1, 1]
+            hull[count - 1, 0], hull[count - 1, 1] = x + xs[k] + high_x, y + ys[k] + high_y
+            hull[count, 0], hull[count, 1] = last_x, last_y
+            count += 1
+    return count
 
 
 @kernel
@@ -65,33 +108,10 @@ def cast_box(
     reach = radius + math.sqrt((high_x - low_x) ** 2 + (high_y - low_y) ** 2) / 2.0
     if not may_see(view, middle_x, middle_y, reach, 70.0):
         return
-    # of the eight corners, the six on the outside: start where the shift turns from in to out
-    count = 0
-    shift_x, shift_y = high_x - low_x, high_y - low_y
-    ax, ay = cos * half_length, sin * half_length
-    bx, by = -sin * half_width, cos * half_width
-    xs = (ax + bx, ax - bx, -ax - bx, -ax + bx)
-    ys = (ay + by, ay - by, -ay - by, -ay + by)
-    for k in range(4):
-        j, i = (k + 1) % 4, (k + 3) % 4
-        # is the side before, and after, this corner turned to where the shadow falls?
-        before = (ys[k] - ys[i]) * -shift_x + (xs[k] - xs[i]) * shift_y > 0.0
-        after = (ys[j] - ys[k]) * -shift_x + (xs[j] - xs[k]) * shift_y > 0.0
-        if not before or not after:
-            hull[count, 0], hull[count, 1] = x + xs[k] + low_x, y + ys[k] + low_y
-            count += 1
-            if not before and after:
-                hull[count, 0], hull[count, 1] = x + xs[k] + high_x, y + ys[k] + high_y
-                count += 1
-        else:
-            hull[count, 0], hull[count, 1] = x + xs[k] + high_x, y + ys[k] + high_y
-            count += 1
-        if before and not after:
-            # out of the shadow side: its top comes before its base
-            last_x, last_y = hull[count - 1, 0], hull[count - 1, 1]
-            hull[count - 1, 0], hull[count - 1, 1] = x + xs[k] + high_x, y + ys[k] + high_y
-            hull[count, 0], hull[count, 1] = last_x, last_y
-            count += 1
+    count = base_and_top(
+        x, y, cos * half_length, sin * half_length, -sin * half_width, cos * half_width,
+        low_x, low_y, high_x, high_y, hull,
+    )  # fmt: skip
     for k in range(count):
         set_corner(view, records, k, hull[k, 0], hull[k, 1], 0.0)
     add_shadow(records, count, CAST)
@@ -127,7 +147,7 @@ def cast_crown(
             y + dy + a * along_y + b * along_x,
             0.0,
         )
-    add_shadow(records, 8, CAST)
+    add_shadow(records, OCTAGON, CAST)
 
 
 @kernel
@@ -150,11 +170,10 @@ def cast_vehicle(
     cos, sin = math.cos(heading), math.sin(heading)
     half, side = length_m / 2.0, width_m / 2.0
     ax, ay, bx, by = cos * half, sin * half, -sin * side, cos * side
-    set_corner(view, records, 0, x + ax + bx, y + ay + by, 0.0)
-    set_corner(view, records, 1, x + ax - bx, y + ay - by, 0.0)
-    set_corner(view, records, 2, x - ax - bx, y - ay - by, 0.0)
-    set_corner(view, records, 3, x - ax + bx, y - ay + by, 0.0)
-    add_shadow(records, 4, UNDER)
+    for k in range(4):
+        ahead, aside = 1.0 if k < 2 else -1.0, 1.0 if k % 3 == 0 else -1.0
+        set_corner(view, records, k, x + ahead * ax + aside * bx, y + ahead * ay + aside * by, 0.0)
+    add_shadow(records, RECTANGLE, UNDER)
     if sunny:
         top = 0.8 * height_m
         cast_box(

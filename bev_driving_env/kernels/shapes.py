@@ -9,15 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .jit import kernel
-from .view import View, to_camera
+from .view import Vector, View, to_camera
 
-# how a face is textured: a page of ``cameras.textures``; facades come in four styles
-PLAIN, EMISSIVE, BRICKS, SLATS, FOLIAGE, TILES, GLASS, POSTER, FACADE = range(9)
+# how a face is textured: a page of ``cameras.textures``; facades come in four styles.
+# Of numpy's type: numba compiles a kernel anew for each plain constant it is called with.
+PLAIN, EMISSIVE, BRICKS, SLATS, FOLIAGE, TILES, GLASS, POSTER, FACADE = np.arange(9)
+TWO_SIDED, ONE_SIDED = np.array([False, True])
+FLAT, ROUND = np.array([False, True])
 FACADES = 4
 PATTERNS = FACADE + FACADES
-OCTAGON = 8
+NO_VARIANT, TRIANGLE, RECTANGLE, OCTAGON = np.array([0, 3, 4, 8])
 MOST_CORNERS = 8
-MOST_FACES = 4096
+MOST_FACES = 8192
+# columns of Records.table
+SIZE, MARK, PATTERN, VARIANT, COLOUR, ORIGIN_X, ORIGIN_Y, ORIGIN_Z, ALONG_X, ALONG_Y = (
+    0, 1, 2, 3, 4, 7, 8, 9, 10, 11,
+)  # fmt: skip
+FACE_COLUMNS = 12
 
 
 class Lighting(NamedTuple):
@@ -27,43 +35,35 @@ class Lighting(NamedTuple):
         sun_x: Direction towards the sun (unit vector, z up).
         sun_y: See above.
         sun_z: See above.
-        sun: (3,) brightness that a face turned to the sun gets, by colour.
-        ambient: (3,) brightness that every face gets.
+        sun: Brightness that a face turned to the sun gets, by colour.
+        ambient: Brightness that every face gets.
         paints: (slots, 3) colours of things, 0..255.
     """
 
     sun_x: float
     sun_y: float
     sun_z: float
-    sun: NDArray[np.float32]
-    ambient: NDArray[np.float32]
+    sun: Vector
+    ambient: Vector
     paints: NDArray[np.float32]
 
 
 class Records(NamedTuple):
-    """The faces of one image, to be filled and shaded; row 0 stands for "no face".
+    """The faces of all images, to be filled and shaded; row 0 stands for "no face".
 
     Shapes only list their faces here. Filling them is one loop in one place
     (``mesh.fill_faces``), which keeps both the shapes and their compilation small.
 
     Attributes:
         corners: (M, 8, 3) corners in the camera frame.
-        sizes: (M,) number of corners.
-        mark: (M,) 0 for a face; what a shadow adds to the shadow mask.
-        colour: (M, 3) lit colour.
-        pattern: (M,) texture.
-        frame: (M, 5) origin x, y, z and horizontal unit vector of the face.
-        variant: (M,) random number of the thing it belongs to.
+        table: (M, 12) number of corners; what a shadow adds to the shadow mask, 0 for a face;
+            texture; random number of the thing it belongs to; lit colour; origin x, y, z and
+            horizontal unit vector of the face.
         used: (1,) rows in use.
     """
 
     corners: NDArray[np.float64]
-    sizes: NDArray[np.int64]
-    mark: NDArray[np.int64]
-    colour: NDArray[np.float32]
-    pattern: NDArray[np.int32]
-    frame: NDArray[np.float64]
-    variant: NDArray[np.int64]
+    table: NDArray[np.float64]
     used: NDArray[np.int64]
 
 
@@ -71,12 +71,7 @@ def new_records() -> Records:
     """An empty list of faces."""
     return Records(
         np.zeros((MOST_FACES, MOST_CORNERS, 3)),
-        np.zeros(MOST_FACES, np.int64),
-        np.zeros(MOST_FACES, np.int64),
-        np.zeros((MOST_FACES, 3), np.float32),
-        np.zeros(MOST_FACES, np.int32),
-        np.zeros((MOST_FACES, 5)),
-        np.zeros(MOST_FACES, np.int64),
+        np.zeros((MOST_FACES, FACE_COLUMNS)),
         np.ones(1, np.int64),
     )
 
@@ -84,8 +79,11 @@ def new_records() -> Records:
 @kernel
 def set_corner(view: View, records: Records, k: int, x: float, y: float, z: float) -> None:
     """Make a world point a corner of the next face."""
-    corner = records.corners[records.used[0], k]
-    corner[0], corner[1], corner[2] = to_camera(view, x, y, z)
+    number = records.used[0]
+    right, down, forward = to_camera(view, x, y, z)
+    records.corners[number, k, 0] = right
+    records.corners[number, k, 1] = down
+    records.corners[number, k, 2] = forward
 
 
 @kernel
@@ -105,7 +103,8 @@ def add_face(
 ) -> None:
     """Add the face whose ``count`` corners have been set; the last row is never left."""
     number = records.used[0]
-    records.sizes[number], records.mark[number] = count, 0
+    row = records.table[number]
+    row[SIZE], row[MARK], row[PATTERN], row[VARIANT] = count, 0.0, pattern, variant
     facing = normal_x * lighting.sun_x + normal_y * lighting.sun_y + normal_z * lighting.sun_z
     if pattern == FOLIAGE:
         facing = 0.35 + 0.35 * facing  # leaves face all ways
@@ -116,17 +115,14 @@ def add_face(
         light = lighting.ambient[c] * fill + lighting.sun[c] * facing
         if pattern == EMISSIVE:
             light = 1.0
-        records.colour[number, c] = lighting.paints[slot, c] * light
-    records.pattern[number] = pattern
+        row[COLOUR + c] = lighting.paints[slot, c] * light
+    row[ORIGIN_X], row[ORIGIN_Y], row[ORIGIN_Z] = x, y, z
     length = math.sqrt(normal_x * normal_x + normal_y * normal_y)
-    records.frame[number, 0], records.frame[number, 1] = x, y
-    records.frame[number, 2] = z
     if length > 1e-6:
-        records.frame[number, 3], records.frame[number, 4] = -normal_y / length, normal_x / length
+        row[ALONG_X], row[ALONG_Y] = -normal_y / length, normal_x / length
     else:
-        records.frame[number, 3], records.frame[number, 4] = 1.0, 0.0
-    records.variant[number] = variant
-    if number < records.sizes.shape[0] - 1:
+        row[ALONG_X], row[ALONG_Y] = 1.0, 0.0
+    if number < records.table.shape[0] - 1:
         records.used[0] = number + 1
 
 
@@ -134,8 +130,8 @@ def add_face(
 def add_shadow(records: Records, count: int, mark: int) -> None:
     """Add a patch of shadow on the ground whose corners have been set."""
     number = records.used[0]
-    records.sizes[number], records.mark[number] = count, mark
-    if number < records.sizes.shape[0] - 1:
+    records.table[number, SIZE], records.table[number, MARK] = count, mark
+    if number < records.table.shape[0] - 1:
         records.used[0] = number + 1
 
 
@@ -163,11 +159,10 @@ def draw_wall(
         if one_sided:
             return
         nx, ny = -nx, -ny
-    set_corner(view, records, 0, x0, y0, low_m)
-    set_corner(view, records, 1, x1, y1, low_m)
-    set_corner(view, records, 2, x1, y1, high_m)
-    set_corner(view, records, 3, x0, y0, high_m)
-    add_face(records, lighting, 4, slot, pattern, nx, ny, 0.0, x0, y0, low_m, variant)
+    for k in range(4):
+        x, y = (x1, y1) if 0 < k < 3 else (x0, y0)
+        set_corner(view, records, k, x, y, high_m if k > 1 else low_m)
+    add_face(records, lighting, RECTANGLE, slot, pattern, nx, ny, 0.0, x0, y0, low_m, variant)
 
 
 @kernel
@@ -209,7 +204,7 @@ def draw_box(
             slot,
             pattern,
             variant,
-            True,
+            ONE_SIDED,
         )
     above = view.place[2] > high_m
     if above or view.place[2] < low_m:
@@ -217,7 +212,7 @@ def draw_box(
         for k in range(4):
             set_corner(view, records, k, xs[k], ys[k], level)
             up = 1.0 if above else -1.0
-        add_face(records, lighting, 4, top_slot, PLAIN, 0.0, 0.0, up, x, y, level, variant)
+        add_face(records, lighting, RECTANGLE, top_slot, PLAIN, 0.0, 0.0, up, x, y, level, variant)
 
 
 @kernel
@@ -249,23 +244,41 @@ def draw_gable(
         reach = half_length + over
         seen = (view.place[0] - x) * nx + (view.place[1] - y) * ny
         seen += (view.place[2] - ridge_m) * nz
-        set_corner(view, records, 0, x - cos * reach, y - sin * reach, ridge_m)
-        set_corner(view, records, 1, x + cos * reach, y + sin * reach, ridge_m)
-        set_corner(view, records, 2, x + cos * reach - sin * out, y + sin * reach + cos * out, low)
-        set_corner(view, records, 3, x - cos * reach - sin * out, y - sin * reach + cos * out, low)
+        for k in range(4):
+            along = reach if 0 < k < 3 else -reach
+            across, z = (out, low) if k > 1 else (0.0, ridge_m)
+            set_corner(
+                view,
+                records,
+                k,
+                x + cos * along - sin * across,
+                y + sin * along + cos * across,
+                z,
+            )
         if seen <= 0.0:
             # from below one sees the underside of the eaves, in shade
             nx, ny, nz = -nx, -ny, -nz
-        add_face(records, lighting, 4, roof_slot, TILES, nx, ny, nz, x, y, low, variant)
+        add_face(records, lighting, RECTANGLE, roof_slot, TILES, nx, ny, nz, x, y, low, variant)
     for end in (-1.0, 1.0):
         ex, ey = x + end * cos * half_length, y + end * sin * half_length
         if (view.place[0] - ex) * cos * end + (view.place[1] - ey) * sin * end <= 0.0:
             continue
-        set_corner(view, records, 0, ex + sin * half_width, ey - cos * half_width, eaves_m)
-        set_corner(view, records, 1, ex - sin * half_width, ey + cos * half_width, eaves_m)
-        set_corner(view, records, 2, ex, ey, ridge_m)
+        for k in range(3):
+            across, z = (half_width * (2 * k - 1), eaves_m) if k < 2 else (0.0, ridge_m)
+            set_corner(view, records, k, ex - sin * across, ey + cos * across, z)
         add_face(
-            records, lighting, 3, slot, BRICKS, cos * end, sin * end, 0.0, ex, ey, 0.0, variant
+            records,
+            lighting,
+            TRIANGLE,
+            slot,
+            BRICKS,
+            cos * end,
+            sin * end,
+            0.0,
+            ex,
+            ey,
+            0.0,
+            variant,
         )
 
 
@@ -349,5 +362,5 @@ def draw_sprite(
         slot,
         pattern,
         variant,
-        False,
+        TWO_SIDED,
     )

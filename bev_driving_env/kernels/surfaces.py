@@ -13,7 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .jit import kernel
-from .shapes import EMISSIVE, FACADE, FOLIAGE, GLASS, POSTER, SLATS, TILES
+from .shapes import (
+    ALONG_X,
+    ALONG_Y,
+    COLOUR,
+    EMISSIVE,
+    FACADE,
+    FOLIAGE,
+    GLASS,
+    ORIGIN_X,
+    ORIGIN_Y,
+    ORIGIN_Z,
+    PATTERN,
+    POSTER,
+    SLATS,
+    TILES,
+    VARIANT,
+)
+from .view import Vector
 
 GRAIN_SIZE = 128
 GRAIN_BITS = 7
@@ -32,9 +49,9 @@ def tile_index(row: float, column: float) -> int:
 def add_ground(
     first: int,
     stop: int,
-    ray: NDArray,
-    step: NDArray,
-    place: NDArray,
+    ray: Vector,
+    step: Vector,
+    place: Vector,
     scale: float,
     rows: int,
     columns: int,
@@ -50,9 +67,9 @@ def add_ground(
     Args:
         first: First column.
         stop: Column after the last.
-        ray: (3,) float32 world direction at column 0, with depth 1.
-        step: (3,) float32 its change per column.
-        place: (3,) float32 the camera's place relative to the texture's corner, and its height.
+        ray: World direction at column 0, with depth 1.
+        step: Its change per column.
+        place: The camera's place relative to the texture's corner, and its height.
         scale: Texels per metre.
         rows: Size of the pyramid level.
         columns: See above.
@@ -66,9 +83,9 @@ def add_ground(
     f32, i32 = np.float32, np.int32
     zero, one = f32(0.0), f32(1.0)
     least = f32(1.0 / 400.0)
-    ray_x, ray_y, ray_z = ray[0], ray[1], ray[2]
-    step_x, step_y, step_z = step[0], step[1], step[2]
-    from_x, from_y, height = place[0], place[1], place[2]
+    ray_x, ray_y, ray_z = f32(ray[0]), f32(ray[1]), f32(ray[2])
+    step_x, step_y, step_z = f32(step[0]), f32(step[1]), f32(step[2])
+    from_x, from_y, height = f32(place[0]), f32(place[1]), f32(place[2])
     per_height = -one / height
     per_m, start = f32(scale), i32(first)
     last_row, last_column, stride = f32(rows - 1), f32(columns - 1), i32(columns)
@@ -105,10 +122,10 @@ def finish_ground(
     where: NDArray,
     texel: NDArray,
     shadow: NDArray,
-    shadow_rgb: NDArray,
-    haze: NDArray,
-    sheen: NDArray,
-    haze_rgb: NDArray,
+    shadow_rgb: Vector,
+    haze: tuple[float, float],
+    sheen: tuple[float, float],
+    haze_rgb: Vector,
     sums: NDArray,
     scratch: NDArray,
     rgb: NDArray,
@@ -124,10 +141,10 @@ def finish_ground(
         where: (2, W) ground points.
         texel: (W,) int32 scratch.
         shadow: (W,) uint8 shadow mask: 1 in shadow, 2 under a vehicle.
-        shadow_rgb: (3,) what is left in shadow.
-        haze: (2,) share of haze at the first column, and its change per column.
-        sheen: (2,) share of mirrored sky, likewise.
-        haze_rgb: (3,).
+        shadow_rgb: What is left in shadow.
+        haze: Share of haze at the first column, and its change per column.
+        sheen: Share of mirrored sky, likewise.
+        haze_rgb: Colour of haze.
         sums: (2, W) int32, see ``add_ground``.
         scratch: (3, W) float32 scratch.
         rgb: (3, W) output.
@@ -146,7 +163,8 @@ def finish_ground(
     for u in range(count):
         added[u] = noise[np.uint32(texel[u])]
     odd = sums[1, first:stop]
-    haze0, haze_step, sheen0, sheen_step = haze[0], haze[1], sheen[0], sheen[1]
+    haze0, haze_step = f32(haze[0]), f32(haze[1])
+    sheen0, sheen_step = f32(sheen[0]), f32(sheen[1])
     for u in range(count):
         column, speck = f32(i32(u)), added[u]
         mirrored = max((sheen0 + sheen_step * column) * (f32(0.7) + f32(0.6) * speck), zero)
@@ -159,7 +177,7 @@ def finish_ground(
         blocked[u] = f32(i32(mark & i32(1)))
     for channel in range(3):
         row, pair = rgb[channel, first:stop], sums[channel & 1, first:stop]
-        left, air = one - shadow_rgb[channel], haze_rgb[channel]
+        left, air = one - f32(shadow_rgb[channel]), f32(haze_rgb[channel])
         shift, half = i32(8 * (channel & 2)), i32(0xFFFF)
         for u in range(count):
             colour = f32(i32(i32(pair[u] >> shift) & half)) * factor[u]
@@ -170,13 +188,13 @@ def finish_ground(
 def shade_sky(
     first: int,
     stop: int,
-    ray: NDArray,
-    step: NDArray,
-    sun: NDArray,
-    haze_rgb: NDArray,
-    zenith_rgb: NDArray,
-    cloud_rgb: NDArray,
-    glow_rgb: NDArray,
+    ray: Vector,
+    step: Vector,
+    sun: Vector,
+    haze_rgb: Vector,
+    zenith_rgb: Vector,
+    cloud_rgb: Vector,
+    glow_rgb: Vector,
     clouds: float,
     smooth: NDArray,
     texel: NDArray,
@@ -188,13 +206,13 @@ def shade_sky(
     Args:
         first: First column.
         stop: Column after the last; up to three more are written.
-        ray: (3,) float32 world direction at column 0.
-        step: (3,) float32 its change per column.
-        sun: (3,) float32 direction towards the sun.
-        haze_rgb: (3,) colour at the horizon.
-        zenith_rgb: (3,) colour overhead.
-        cloud_rgb: (3,) colour of clouds.
-        glow_rgb: (3,) what the sun adds around it.
+        ray: World direction at column 0.
+        step: Its change per column.
+        sun: Direction towards the sun.
+        haze_rgb: Colour at the horizon.
+        zenith_rgb: Colour overhead.
+        cloud_rgb: Colour of clouds.
+        glow_rgb: What the sun adds around it.
         clouds: Share of the sky they cover.
         smooth: (16384,) float32 tile.
         texel: (W,) int32 scratch.
@@ -207,9 +225,9 @@ def shade_sky(
     count = (stop - first + 3) // 4
     ups, covers, glows = scratch[0, :count], scratch[1, :count], scratch[2, :count]
     cover, texel, start = f32(2.0 * clouds - 1.0), texel[:count], i32(first)
-    ray_x, ray_y, ray_z = ray[0], ray[1], ray[2]
-    step_x, step_y, step_z = step[0], step[1], step[2]
-    sun_x, sun_y, sun_z = sun[0], sun[1], sun[2]
+    ray_x, ray_y, ray_z = f32(ray[0]), f32(ray[1]), f32(ray[2])
+    step_x, step_y, step_z = f32(step[0]), f32(step[1]), f32(step[2])
+    sun_x, sun_y, sun_z = f32(sun[0]), f32(sun[1]), f32(sun[2])
     for u in range(count):
         column = f32(i32(i32(i32(u) << i32(2)) + start))
         x, y, z = ray_x + column * step_x, ray_y + column * step_y, ray_z + column * step_z
@@ -236,8 +254,8 @@ def shade_sky(
         ups[u] = math.sqrt(z)
     for channel in range(3):
         row = rgb[channel, first : first + 4 * count]
-        air, top = haze_rgb[channel], zenith_rgb[channel]
-        white, light = cloud_rgb[channel], glow_rgb[channel]
+        air, top = f32(haze_rgb[channel]), f32(zenith_rgb[channel])
+        white, light = f32(cloud_rgb[channel]), f32(glow_rgb[channel])
         for u in range(count):
             colour = air + ups[u] * (top - air)
             colour += covers[u] * (white - colour) + glows[u] * light
@@ -269,20 +287,17 @@ def pattern_scale(pattern: int, variant: int) -> tuple[float, float, float, floa
 @kernel
 def shade_faces(
     stop: int,
-    ray: NDArray,
-    step: NDArray,
-    place: NDArray,
+    ray: Vector,
+    step: Vector,
+    place: Vector,
     pixel: float,
     faces: NDArray,
     nearness: NDArray,
-    colours: NDArray,
-    patterns: NDArray,
-    frames: NDArray,
-    variants: NDArray,
+    table: NDArray,
     pages: NDArray,
     codes: NDArray,
     haze_table: NDArray,
-    haze_rgb: NDArray,
+    haze_rgb: Vector,
     texel: NDArray,
     scratch: NDArray,
     rgb: NDArray,
@@ -291,20 +306,17 @@ def shade_faces(
 
     Args:
         stop: Column after the last.
-        ray: (3,) float32 world direction at column 0, with depth 1.
-        step: (3,) float32 its change per column.
-        place: (3,) float64 the camera.
+        ray: World direction at column 0, with depth 1.
+        step: Its change per column.
+        place: The camera.
         pixel: One over the focal length: size of a pixel at depth 1.
         faces: (W,) int32 face seen, 0 for none.
         nearness: (W,) float32 inverse depth.
-        colours: (M, 3) lit colours of the faces.
-        patterns: (M,) their textures.
-        frames: (M, 5) their origins and horizontal directions.
-        variants: (M,) their random numbers.
+        table: (M, 12) the faces, see ``Records``.
         pages: Texture pages.
         codes: (256,) int32 what each code does: red, green, blue to add, and a factor of 1/96.
         haze_table: (steps,) share of haze by inverse depth.
-        haze_rgb: (3,) its colour.
+        haze_rgb: Its colour.
         texel: (W,) int32 scratch.
         scratch: (3, W) float32 scratch.
         rgb: (3, W + 3) output.
@@ -314,15 +326,15 @@ def shade_faces(
     top = f32(haze_table.shape[0] - 1)
     u = 0
     while u < stop:
-        number = faces[u]
-        if number == 0:
-            u += 1
-            continue
+        number = faces[np.uint64(u)]
         end = u + 1
-        while end < stop and faces[end] == number:
+        while end < stop and faces[np.uint64(end)] == number:
             end += 1
+        if number == 0:
+            u = end
+            continue
         count = end - u
-        pattern = patterns[number]
+        pattern = int(table[number, PATTERN])
         haze0 = haze_table[np.int32(min(nearness[u], one) * top)]
         haze1 = haze_table[np.int32(min(nearness[end - 1], one) * top)]
         if pattern == EMISSIVE:
@@ -330,26 +342,28 @@ def shade_faces(
         thicken = (haze1 - haze0) / f32(count)
         if pattern <= EMISSIVE:
             for channel in range(3):
-                colour, air, row = colours[number, channel], haze_rgb[channel], rgb[channel, u:end]
+                colour, air = f32(table[number, COLOUR + channel]), f32(haze_rgb[channel])
+                row = rgb[channel, u:end]
                 for k in range(count):
                     row[k] = colour + (haze0 + thicken * f32(i32(k))) * (air - colour)
             u = end
             continue
-        along_x, along_y = f32(frames[number, 3]), f32(frames[number, 4])
-        variant = variants[number]
+        along_x, along_y = f32(table[number, ALONG_X]), f32(table[number, ALONG_Y])
+        variant = int(table[number, VARIANT])
         per_s, per_z, rising, average = pattern_scale(pattern, variant)
         near_m = f32(pixel) / nearness[u]
         fade = one / (one + (near_m * f32(0.22 * per_z)) ** 2)
         # along the face and up, in texels; both are linear before the perspective division
         from_s = f32(per_s) * f32(
-            (place[0] - frames[number, 0]) * along_x + (place[1] - frames[number, 1]) * along_y
+            (place[0] - table[number, ORIGIN_X]) * along_x
+            + (place[1] - table[number, ORIGIN_Y]) * along_y
         ) + f32(16384.0 + 37.0 * (variant % 64))
-        ray_s = f32(per_s) * (ray[0] * along_x + ray[1] * along_y)
-        step_s = f32(per_s) * (step[0] * along_x + step[1] * along_y)
+        ray_s = f32(per_s * (ray[0] * along_x + ray[1] * along_y))
+        step_s = f32(per_s * (step[0] * along_x + step[1] * along_y))
         from_z, ray_z, step_z = (
-            f32(per_z) * f32(place[2] - frames[number, 2]) + f32(1024.0),
-            f32(per_z) * ray[2],
-            f32(per_z) * step[2],
+            f32(per_z) * f32(place[2] - table[number, ORIGIN_Z]) + f32(1024.0),
+            f32(per_z * ray[2]),
+            f32(per_z * step[2]),
         )
         index, depths, heights = texel[u:end], nearness[u:end], scratch[0, u:end]
         start = i32(u)
@@ -372,7 +386,8 @@ def shade_faces(
             share = f32(np.int32((index[k] >> np.int32(24)) & low))
             factor[k] = (keep * share + lift) * (base + rise * heights[k])
         for channel in range(3):
-            colour, air, row = colours[number, channel], haze_rgb[channel], rgb[channel, u:end]
+            colour, air = f32(table[number, COLOUR + channel]), f32(haze_rgb[channel])
+            row = rgb[channel, u:end]
             shift = np.int32(8 * channel)
             for k in range(count):
                 added = f32(np.int32((index[k] >> shift) & low))
@@ -386,8 +401,8 @@ def expose_row(
     rgb: NDArray,
     gain: NDArray,
     veil: NDArray,
-    balance: NDArray,
-    veil_rgb: NDArray,
+    balance: Vector,
+    veil_rgb: Vector,
     planes: NDArray,
 ) -> None:
     """What the lens and the sensor make of a row of colours.
@@ -396,15 +411,15 @@ def expose_row(
         rgb: (3, W + 3) colours.
         gain: (W,) uint8, 128 leaves the colour alone.
         veil: (W,) uint8.
-        balance: (3,) white balance.
-        veil_rgb: (3,) colour of the veil.
+        balance: White balance.
+        veil_rgb: Colour of the veil.
         planes: (3, W) uint8 output.
     """
     f32, i32 = np.float32, np.int32
     zero, most = f32(0.0), f32(255.0)
     for channel in range(3):
         row, out = rgb[channel], planes[channel]
-        factor, haze = balance[channel] * f32(1.0 / 128.0), veil_rgb[channel] * f32(1.0 / 255.0)
+        factor, haze = f32(balance[channel] / 128.0), f32(veil_rgb[channel] / 255.0)
         for u in range(gain.shape[0]):
             colour = row[u] * f32(i32(gain[u])) * factor + f32(i32(veil[u])) * haze
             out[u] = np.uint8(i32(min(max(colour, zero), most)))

@@ -199,7 +199,7 @@ def _checked_source(owner: str, source: Any) -> Any:
     if missing:
         raise ValueError(
             f"{owner} must be a BEVSource (channels, reset() and __call__(frame)) or a name "
-            f"({', '.join(bev_source_names())}), {type(source).__name__} without "
+            f"({', '.join(bev_source_names())}), got {type(source).__name__} without "
             f"{', '.join(missing)}"
         )
     checked_channels(owner, source.channels)
