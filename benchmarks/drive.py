@@ -95,16 +95,20 @@ def drive(job: Job, video: Path | None = None) -> EpisodeResult:
     world = env.world
     trajectory: list[tuple[float, float]] = []
     error = failure = ""
-    try:
-        with contextlib.ExitStack() as stack:
-            film = video and stack.enter_context(VideoWriter(video, env.metadata["render_fps"]))
-            for _ in _drive_steps(env, job):
-                trajectory.append(env.ego_pose[:2])
-                if film:
-                    film.add(env.draw())
-    except (Exception, SystemExit) as failed:  # whatever a foreign agent raises belongs in its row
-        error = traceback.format_exc()
-        failure = f"{type(failed).__name__}: {str(failed).partition(chr(10))[0]}"
+    with contextlib.ExitStack() as stack:
+        film = video and stack.enter_context(VideoWriter(video, env.metadata["render_fps"]))
+        steps = _drive_steps(env, job)
+        while True:
+            try:
+                if next(steps, "ended") == "ended":
+                    break
+            except (Exception, SystemExit) as failed:  # a foreign driver's belong in its row
+                error = traceback.format_exc()
+                failure = f"{type(failed).__name__}: {str(failed).partition(chr(10))[0]}"
+                break
+            trajectory.append(env.ego_pose[:2])
+            if film:
+                film.add(env.draw())
     trajectory = trajectory or [env.ego_pose[:2]]
     summary = episode_summary(world, 0)
     events = summary["infractions"]

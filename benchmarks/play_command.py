@@ -42,6 +42,10 @@ class PlayOptions:
     episode: int
     seed: int
 
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise UsageError(f"--seed must be at least 0, got {self.seed}")
+
 
 def add_parser(verbs: Any) -> None:
     """Add the verb ``play``."""
@@ -111,10 +115,10 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
 
 def drive(env: BEVTownEnv, options: PlayOptions) -> None:
     """Let a person drive episode after episode until they quit."""
-    episode, seed = options.episode, options.seed
+    episode, outcome = options.episode, ""
     while True:
-        env.reset(seed=seed, options={"episode": episode})
-        outcome = _episode(env)
+        env.reset(seed=options.seed, options={"episode": episode})
+        outcome = _episode(env, held=bool(outcome))
         if outcome == "quit":
             break
         if outcome == "next":
@@ -122,14 +126,22 @@ def drive(env: BEVTownEnv, options: PlayOptions) -> None:
     env.close()
 
 
-def _episode(env: BEVTownEnv) -> str:
-    """Drive one episode; returns ``"quit"``, ``"again"`` or ``"next"``."""
+def _episode(env: BEVTownEnv, *, held: bool) -> str:
+    """Drive one episode; returns ``"quit"``, ``"again"`` or ``"next"``.
+
+    Args:
+        env: The environment, just reset.
+        held: Whether a key started the episode: it counts again only after it was let go.
+    """
     steering, ended = 0.0, False
     while True:
         pressed = env.pressed_keys()
-        for keys, outcome in (({"q", "escape"}, "quit"), ({"r"}, "again"), ({"n"}, "next")):
-            if pressed & keys:
-                return outcome
+        if pressed & {"q", "escape"}:
+            return "quit"
+        starting = pressed & {"r", "n"}
+        if starting and not held:
+            return "again" if "r" in starting else "next"
+        held = held and bool(starting)
         if ended:
             env.render()
             continue

@@ -203,7 +203,7 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
             for i in indices:
                 finals = self._add_info(finals, {"episode_summary": episode_summary(world, i)}, i)
             return finals
-        last = self._observe(ended)
+        last = self._observe(ended, seen=ended)
         for i in indices:
             info = step_info(world, i)
             info["reward_terms"] = reward_terms(world, i)
@@ -213,18 +213,23 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
             self._start(i)
         return finals
 
-    def _observe(self, fresh: Mask | None = None) -> BatchedObservation:
+    def _observe(self, fresh: Mask | None = None, seen: Mask | None = None) -> BatchedObservation:
         """What the policies are given now.
 
         Args:
             fresh: Worlds in which time has passed, all if None. In the others the policy sees what
                 it saw last, so that no source is asked twice about one moment.
+            seen: Worlds whose cameras are wanted, all if None.
         """
         frames: dict[int, SensorFrame] = {}
         worlds = range(self.num_envs) if fresh is None else np.flatnonzero(fresh).tolist()
         if self.settings.cameras or self.policy_view.needs_frame:
-            everyone = range(self.num_envs) if self.settings.cameras else worlds
-            frames = self.sensors.frames(n for n in everyone if self._placed[n])
+            rendered = self._placed.copy()
+            if not self.settings.cameras:
+                rendered[[n for n in range(self.num_envs) if n not in worlds]] = False
+            elif seen is not None:
+                rendered &= seen
+            frames = self.sensors.frames(np.flatnonzero(rendered).tolist())
         observation: BatchedObservation = {}
         if self.settings.cameras:
             size = self.world.config.bev.size

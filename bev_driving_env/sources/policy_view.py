@@ -26,7 +26,7 @@ class PolicySnapshot:
     """State of the view.
 
     Attributes:
-        sources: Names of the sources, by channel: only a view of the same ones takes the states.
+        sources: What the sources are, by channel: only a view of the same ones takes the states.
         states: (worlds, feeds) what each source remembers; None where it remembers nothing.
         bev: (N, 6, size, size) what the policies saw last.
     """
@@ -134,7 +134,7 @@ class PolicyView:
             done.update(mine)
             self._feeds.append(_Feed(by_channel[channel], mine, asked & set(mine), worlds))
         self._size = size
-        self.names = tuple(source_name(by_channel[channel]) for channel in CHANNELS)
+        self._identity = tuple(_identity(by_channel[channel]) for channel in CHANNELS)
         self.is_truth = all(type(feed.of(0)) is GroundTruth for feed in self._feeds)
         # of the truth, which costs less to make again than to keep, nothing is kept
         kept = 0 if self.is_truth else worlds
@@ -206,14 +206,14 @@ class PolicyView:
         states = tuple(
             tuple(feed.call(n, "snapshot") for feed in self._feeds) for n in range(len(self._bev))
         )
-        return PolicySnapshot(self.names, states, self._bev.copy())
+        return PolicySnapshot(self._identity, states, self._bev.copy())
 
     def restore(self, snapshot: PolicySnapshot | None) -> bool:
         """Go back to a snapshot; returns False if it is of other sources, which then know nothing.
 
         A source that defines no ``snapshot()`` keeps what it remembers.
         """
-        if snapshot is None or snapshot.sources != self.names:
+        if snapshot is None or snapshot.sources != self._identity:
             return False
         if snapshot.bev.shape != self._bev.shape:
             return False
@@ -254,3 +254,9 @@ def _same(one: Spec, other: Spec) -> bool:
     """Whether two specs mean the same source object."""
     named = isinstance(one, str | Path) and isinstance(other, str | Path)
     return one is other or (named and str(one) == str(other))
+
+
+def _identity(spec: Spec) -> str:
+    """What a spec is: its name, or what an object says of itself, such as its doses."""
+    speaks = type(spec).__repr__ is not object.__repr__
+    return repr(spec) if speaks and not isinstance(spec, str | Path) else source_name(spec)

@@ -62,6 +62,38 @@ print("done", *bev_driving_env.__all__)
     assert "BEVTownEnv" in names
 
 
+def test_what_a_predictor_needs_is_at_the_top_and_loads_no_environment():
+    code = """
+import sys
+from bev_driving_env import BEVSource, BEVSourceError, SensorFrame
+from bev_driving_env import make_bev_source, register_bev_source
+
+class Mine:
+    channels = ("road",)
+    def reset(self): pass
+    def __call__(self, frame): return None
+
+register_bev_source("mine", Mine)
+assert type(make_bev_source("mine")) is Mine
+assert isinstance(Mine(), BEVSource)
+assert issubclass(BEVSourceError, RuntimeError)
+heavy = "torch", "highway_env", "numba", "cv2", "scipy", "bev_driving_env.env"
+print("done", *[name for name in heavy if name in sys.modules])
+"""
+    assert run_python(code) == ["done"]
+
+
+def test_the_contracts_names_for_predictors_are_exported():
+    assert {
+        "BEVSource",
+        "BEVSourceError",
+        "CorruptedBEV",
+        "SensorFrame",
+        "make_bev_source",
+        "register_bev_source",
+    } <= set(bev_driving_env.__all__)
+
+
 @pytest.mark.parametrize("name", sorted(bev_driving_env.__all__))
 def test_every_public_name_is_there_and_listed(name):
     assert getattr(bev_driving_env, name) is not None

@@ -2,10 +2,13 @@
 
 import dataclasses
 
+import cv2
 import gymnasium as gym
 import numpy as np
 import pytest
 
+from bev_driving_env import CorruptedBEV
+from bev_driving_env.cameras.rig import Camera
 from bev_driving_env.frames import CHANNELS
 from bev_driving_env.render import BEV_COLOURS, GROUND, ROAD, TownMap, bev_image
 from bev_driving_env.towns.registry import compiled_town
@@ -64,6 +67,77 @@ def test_infractions_show_on_the_panel():
     with_event = env.render()
     env.unwrapped.world.events[0] = ()
     assert not np.array_equal(env.render(), with_event)
+
+
+def pictures_of(panel, bev):
+    """How many times the picture of a BEV stands in a panel, and the columns it stands in."""
+    # its upper part, clear of the ego and of the label in the corner
+    wanted = cv2.resize(bev_image(bev), (420, 420), interpolation=cv2.INTER_NEAREST)
+    wanted = wanted[40:280, 20:400]
+    scores = cv2.matchTemplate(panel, wanted, cv2.TM_SQDIFF)
+    # OpenCV rounds its sums; what is nearly equal is looked at again
+    close = np.argwhere(scores < 1e-4 * np.square(wanted.astype(float)).sum())
+    equal = [
+        column
+        for row, column in close
+        if np.array_equal(panel[row : row + 240, column : column + 380], wanted)
+    ]
+    return len(equal), equal
+
+
+def test_the_panel_shows_what_the_policy_sees_beside_the_truth():
+    blurred = CorruptedBEV("ground_truth", rotation=1.0, blob_dropout=0.3, seed=2)
+    env = gym.make("BEVTown02-v0", render_mode="rgb_array", bev_source=blurred)
+    observation, _ = env.reset(seed=0, options={"episode": 0})
+    for _ in range(10):
+        observation, *_ = env.step([0.5, 0.0])
+    panel, truth = env.render(), env.unwrapped.ground_truth_bev()
+    assert not np.array_equal(observation["bev"], truth)
+    seen, seen_at = pictures_of(panel, observation["bev"])
+    true, true_at = pictures_of(panel, truth)
+    assert (seen, true) == (1, 1)
+    assert seen_at[0] < true_at[0]
+    np.testing.assert_array_equal(panel, env.unwrapped.draw())
+
+
+def test_without_errors_both_pictures_are_the_same(env):
+    observation, _ = env.reset(seed=0, options={"episode": 0})
+    count, columns = pictures_of(env.render(), observation["bev"])
+    assert count == 2
+    assert np.ptp(columns) >= 420
+
+
+def test_the_panel_shows_every_camera_of_the_rig():
+    shapes, panels = [], []
+    for count in (1, 4, 5):
+        rig = [Camera(f"c{k}", yaw_deg=70.0 * k) for k in range(count)]
+        env = gym.make(
+            "BEVTown02-v0", render_mode="rgb_array", camera_rig=rig, camera_size=(40, 64)
+        )
+        env.reset(seed=0, options={"episode": 0})
+        panels.append(env.render())
+        shapes.append(panels[-1].shape)
+    assert len({shape[1] for shape in shapes}) == 1
+    # three tiles a row: cameras, route map, channels
+    heights = [shape[0] for shape in shapes]
+    assert heights[0] < heights[1] < heights[2]
+
+
+def test_the_frames_of_many_worlds_show_what_each_policy_sees():
+    source = CorruptedBEV("ground_truth", rotation=1.0)
+    envs = gym.make_vec("BEVTown02-v0", num_envs=2, render_mode="rgb_array", bev_source=source)
+    observations, _ = envs.reset(seed=0)
+    for frame, bev in zip(envs.render(), observations["bev"], strict=True):
+        assert frame.dtype == np.uint8
+        assert pictures_of(frame, bev)[0] == 1
+
+
+def test_drawing_needs_no_render_mode_but_a_reset():
+    env = gym.make("BEVTown02-v0").unwrapped
+    with pytest.raises(gym.error.ResetNeeded, match="draw"):
+        env.draw()
+    env.reset(seed=0)
+    assert env.draw().shape[2] == 3
 
 
 def test_render_without_a_mode_warns_and_gives_nothing():

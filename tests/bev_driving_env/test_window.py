@@ -56,3 +56,48 @@ def test_rgb_array_needs_no_display(no_display):
     env = gym.make("BEVTown02-v0", render_mode="rgb_array")
     env.reset(seed=0)
     assert env.render().any()
+
+
+def press(monkeypatch, *names):
+    held = {pygame.key.key_code(name) for name in names}
+    keys = type("Keys", (), {"__getitem__": lambda self, code: code in held})()
+    monkeypatch.setattr(pygame.key, "get_pressed", lambda: keys)
+
+
+def test_held_keys_are_told_by_name(dummy_display, monkeypatch):
+    env = gym.make("BEVTown02-v0", render_mode="human")
+    env.reset(seed=0)
+    assert env.unwrapped.pressed_keys() == set()
+    press(monkeypatch, "up", "a", "space")
+    assert env.unwrapped.pressed_keys() == {"up", "a", "space"}
+    press(monkeypatch, "z")
+    assert env.unwrapped.pressed_keys() == set()
+    env.close()
+
+
+def test_a_click_on_the_cross_is_an_escape(dummy_display):
+    window = Window("test", fps=100)
+    window.show(np.zeros((40, 60, 3), np.uint8))
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    assert window.pressed() == {"escape"}
+    assert window.pressed() == set()
+    window.close()
+
+
+def test_keys_are_asked_of_a_window_only():
+    for env in (
+        gym.make("BEVTown02-v0", render_mode="rgb_array").unwrapped,
+        gym.make("BEVTown02-v0", render_mode="human").unwrapped,
+    ):
+        with pytest.raises(RuntimeError, match=r"human.*reset"):
+            env.pressed_keys()
+
+
+def test_a_click_on_the_cross_during_a_frame_is_not_lost(dummy_display):
+    window = Window("test", fps=100)
+    frame = np.zeros((40, 60, 3), np.uint8)
+    window.show(frame)
+    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    window.show(frame)
+    assert "escape" in window.pressed()
+    window.close()

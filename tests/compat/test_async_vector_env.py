@@ -45,3 +45,20 @@ def test_worker_processes_give_the_same_numbers_as_this_process(context, expecte
             np.testing.assert_array_equal(number, wanted_number)
         np.testing.assert_array_equal(infos["route_m"], wanted_infos["route_m"])
         assert infos["episode_id"].tolist() == wanted_infos["episode_id"].tolist()
+
+
+def test_cameras_are_the_same_in_worker_processes():
+    keywords = {"cameras": True, "camera_size": (32, 64), "time_limit_s": 0.3}
+    make = partial(gym.make, "bev_driving_env:BEVTown01-v0", **keywords)
+    seen = []
+    for envs in (SyncVectorEnv([make, make]), AsyncVectorEnv([make, make], context="fork")):
+        observations, _ = envs.reset(seed=3)
+        steps = [observations]
+        for _ in range(5):
+            steps.append(envs.step(np.full((2, 2), (0.8, 0.1), np.float32))[0])
+        seen.append([{key: array.copy() for key, array in step.items()} for step in steps])
+        envs.close()
+    for here, there in zip(*seen, strict=True):
+        assert set(here) == {"bev", "measurements", "cameras", "route_map"}
+        for key, array in here.items():
+            np.testing.assert_array_equal(there[key], array, err_msg=key)

@@ -47,6 +47,21 @@ def test_gymnasiums_checker_accepts_every_keyword_of_the_contract():
         check_env(env.unwrapped, skip_render_check=True)
 
 
+@pytest.mark.parametrize(
+    "keywords",
+    [
+        {},
+        {"bev_source": bev_driving_env.CorruptedBEV("ground_truth", flicker=0.5, latency=0.2)},
+        {"appearance": "hard", "camera_motion": False},
+    ],
+)
+def test_gymnasiums_checker_finds_nothing_to_warn_about_with_cameras(keywords):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        env = gym.make("BEVTown02-v0", cameras=True, camera_size=(56, 120), **keywords)
+        check_env(env.unwrapped, skip_render_check=True)
+
+
 def test_gymnasiums_checker_accepts_the_bev_only_view():
     env = bev_driving_env.BEVOnly(gym.make("BEVTown01-v0").unwrapped)
     with warnings.catch_warnings():
@@ -96,6 +111,16 @@ def test_observations_can_be_stacked_and_flattened():
     flat = FlattenObservation(gym.make("BEVTown01-v0"))
     observation, _ = flat.reset(seed=0)
     assert observation.shape == (6 * 192 * 192 + 3,)
+
+
+def test_camera_images_can_be_stacked_and_flattened():
+    keywords = {"cameras": True, "camera_size": (32, 64)}
+    stacked = FrameStackObservation(gym.make("BEVTown02-v0", **keywords), 2)
+    observation, _ = stacked.reset(seed=0)
+    assert observation["cameras"].shape == (2, 4, 32, 64, 3)
+    flat = FlattenObservation(gym.make("BEVTown02-v0", **keywords))
+    observation, _ = flat.reset(seed=0)
+    assert observation.shape == (6 * 192 * 192 + 3 + 4 * 32 * 64 * 3 + 192 * 192,)
 
 
 def test_the_spec_makes_the_same_environment_again():

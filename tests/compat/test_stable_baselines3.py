@@ -34,6 +34,17 @@ def test_its_checker_finds_nothing_to_warn_about(bev_only):
         check_env(bev_driving_env.BEVOnly(env) if bev_only else env)
 
 
+def test_its_checker_has_one_thing_to_say_about_cameras():
+    from stable_baselines3.common.env_checker import check_env
+
+    env = gym.make("BEVTown02-v0", cameras=True, camera_size=(56, 120))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # its own CNN takes one image; four of them are for a network of one's own
+        warnings.filterwarnings("ignore", message=".*unconventional shape.*")
+        check_env(env)
+
+
 def test_ppo_learns_from_the_dict_observation_with_a_cnn():
     from stable_baselines3.common.torch_layers import NatureCNN
 

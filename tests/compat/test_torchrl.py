@@ -34,3 +34,17 @@ def test_no_observation_key_is_renamed(env):
     assert steps["bev"].shape[1:] == (6, 192, 192)
     assert steps["measurements"].shape[1:] == (3,)
     assert set(env.observation_spec.keys()) == {"bev", "measurements"}
+
+
+def test_camera_images_arrive_as_they_are():
+    import torch
+    from torchrl.envs import GymWrapper
+    from torchrl.envs.utils import check_env_specs
+
+    env = GymWrapper(gym.make("BEVTown02-v0", cameras=True, camera_size=(32, 64)))
+    check_env_specs(env)
+    steps = env.rollout(3)
+    assert steps["cameras"].dtype == steps["route_map"].dtype == torch.uint8
+    assert steps["cameras"].shape[1:] == (4, 32, 64, 3)
+    assert steps["route_map"].shape[1:] == (192, 192)
+    env.close()
