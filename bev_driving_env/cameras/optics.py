@@ -72,14 +72,14 @@ def build_optics(look: Look, rig: CameraRig, *, misaligned: bool) -> Optics:
     """
     axes, places = mounts(look, rig, misaligned=misaligned)
     gain, veil = _lenses(look, rig)
-    veil_rgb = np.array(DIRT_RGB, np.float32) * _brightness(look)
+    veil_rgb = np.array(DIRT_RGB) * _brightness(look)
     return Optics(
         lighting=_lighting(look),
         atmosphere=_atmosphere(look),
         gain=gain,
         veil=veil,
         beam=_beams(look, rig),
-        balance=(look.balance * 1.0).astype(np.float32),
+        balance=look.balance.astype(np.float32),
         veil_rgb=_vector(veil_rgb),
         sunny=look.sun > 0.15,
         axes=axes,

@@ -10,18 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from ..kernels.camera import (
-    Ego,
-    Scenery,
-    Workspace,
-    add_noise,
-    list_faces,
-    new_workspace,
-    paint_images,
-)
+from ..kernels.camera import Workspace, add_noise, list_faces, new_workspace, paint_images
 from ..kernels.layout import HEADING, PITCH, ROLL, X, Y
 from ..kernels.noise import mix
+from ..kernels.scenery import Scenery
 from ..kernels.shading import GroundTexture
+from ..kernels.view import Ego
 from .look import Look, draw_look
 from .optics import NOISE_TILE, Optics, build_optics, noise_tile
 from .rig import CameraRig
@@ -30,6 +24,8 @@ if TYPE_CHECKING:
     from ..towns.compiled import CompiledTown
     from ..world.state import WorldState
 
+LEAST_BLUR_PX = 0.4
+"""Below this standard deviation, a neighbour weighs less than a twentieth."""
 SENSOR_NOISE = 7
 """Which of the random numbers of an episode's seed shifts the sensor noise."""
 
@@ -166,7 +162,7 @@ class CameraRenderer:
         blur = look.blur_px * self.settings.rig.size[1] / 240.0
         for planes, image in zip(self._planes, images, strict=True):
             cv2.merge(list(planes), dst=image)
-            if blur >= 0.25:
+            if blur >= LEAST_BLUR_PX:
                 cv2.GaussianBlur(image, (3, 3), blur, dst=image)
         start = int(mix(mix(seed, SENSOR_NOISE) >> 1, step) % NOISE_TILE)
         add_noise(images, noise_tile(round(10.0 * look.noise)), start)

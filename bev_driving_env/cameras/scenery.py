@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels import paints as paint
-from ..kernels.camera import Scenery
 from ..kernels.layout import ROAD_BIT
+from ..kernels.scenery import Scenery
 from ..kernels.shapes import BRICKS, EMISSIVE, FACADE, FACADES, FOLIAGE, GLASS, PLAIN, POSTER, SLATS
 from ..towns.furniture import (
     BUILDING,

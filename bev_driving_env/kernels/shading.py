@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .facades import shade_faces
 from .jit import kernel
 from .mesh import Canvas
 from .shapes import Records
@@ -17,7 +18,6 @@ from .surfaces import (
     add_ground,
     expose_row,
     finish_ground,
-    shade_faces,
     shade_sky,
 )
 from .view import Vector, View
@@ -27,7 +27,8 @@ HAZE_STEPS = 2048
 """Haze is tabulated by inverse depth, from 0 to 1 per metre."""
 MOST_SAMPLES = 5
 """Ground rows near the horizon are the mean of up to this many rows in between."""
-FINE_LEVEL = 1
+SHARP_GRAIN_M, SHARP_STAINS_M = 0.08, 0.6
+"""A pixel may cover this much ground along the view before grain, and stains, average out."""
 BEAM_REACH_M = 10.0
 
 
@@ -109,8 +110,12 @@ class RowScratch(NamedTuple):
 
 
 @kernel
-def row_sampling(view: View, ground: GroundTexture, row: float) -> tuple[int, int]:
-    """Level of the ground pyramid and number of samples that suit an image row."""
+def row_sampling(view: View, ground: GroundTexture, row: float) -> tuple[int, int, float]:
+    """How to sample the ground along an image row.
+
+    Returns:
+        Level of the pyramid, number of samples, and metres along the view that a pixel covers.
+    """
     axes = view.axes
     slope = axes[1][2] * (row - view.center_v) / view.focal_px + axes[2][2]
     depth = view.place[2] / max(-slope, view.place[2] / FARTHEST_M)
@@ -124,7 +129,7 @@ def row_sampling(view: View, ground: GroundTexture, row: float) -> tuple[int, in
     while samples > 2 * MOST_SAMPLES and level < ground.shapes.shape[0] - 1:
         level += 1
         samples = (samples + 1) // 2
-    return level, min(samples, MOST_SAMPLES)
+    return level, min(samples, MOST_SAMPLES), along_m
 
 
 @kernel
@@ -210,7 +215,7 @@ def shade_image(
             # what is left for the ground
             begin, end = (first, begin) if nearness0 > least else (end, stop)
         if begin < end:
-            level, samples = row_sampling(view, ground, v)
+            level, samples, along_m = row_sampling(view, ground, v)
             rows, columns, offset = (
                 ground.shapes[level, 0],
                 ground.shapes[level, 1],
@@ -231,11 +236,13 @@ def shade_image(
             span = max(end - 1 - begin, 1)
             haze = along_row(atmosphere.haze, index0, index1, span)
             sheen = along_row(atmosphere.sheen, index0, index1, span)
-            # far away, only stains can be told apart
-            fine = level <= FINE_LEVEL
+            # grain that cannot be told apart any more would flicker: farther on there are only
+            # stains, and they fade
+            fine = along_m < 2.0 * SHARP_GRAIN_M
+            strength = min(1.0, (SHARP_GRAIN_M if fine else SHARP_STAINS_M) / along_m)
             finish_ground(
                 begin, end, 1.0 / samples, atmosphere.grain if fine else atmosphere.smooth,
-                GRAIN_PER_M if fine else STAIN_PER_M, scratch.where, scratch.texel,
+                GRAIN_PER_M if fine else STAIN_PER_M, strength, scratch.where, scratch.texel,
                 canvas.shadow[v], atmosphere.shadow, haze, sheen, atmosphere.haze_rgb,
                 scratch.sums, scratch.parts, rgb,
             )  # fmt: skip

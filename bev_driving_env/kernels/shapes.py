@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +13,17 @@ from .view import Vector, View, to_camera
 
 # how a face is textured: a page of ``cameras.textures``; facades come in four styles.
 # Of numpy's type: numba compiles a kernel anew for each plain constant it is called with.
-PLAIN, EMISSIVE, BRICKS, SLATS, FOLIAGE, TILES, GLASS, POSTER, FACADE = np.arange(9)
-TWO_SIDED, ONE_SIDED = np.array([False, True])
-FLAT, ROUND = np.array([False, True])
+PLAIN, EMISSIVE, BRICKS, SLATS, FOLIAGE, TILES, GLASS, POSTER, FACADE = (
+    cast("int", number) for number in np.arange(9)
+)
+TWO_SIDED, ONE_SIDED = (cast("bool", flag) for flag in np.array([False, True]))
+FLAT, ROUND = TWO_SIDED, ONE_SIDED
+NO_VARIANT, TRIANGLE, RECTANGLE, OCTAGON = (
+    cast("int", number) for number in np.array([0, 3, 4, 8])
+)
 FACADES = 4
-PATTERNS = FACADE + FACADES
-NO_VARIANT, TRIANGLE, RECTANGLE, OCTAGON = np.array([0, 3, 4, 8])
+PATTERNS = 8 + FACADES
+CROWN_M = 0.2
 MOST_CORNERS = 8
 MOST_FACES = 8192
 # columns of Records.table
@@ -332,21 +337,11 @@ def draw_sprite(
     # poles thinner than a pixel would come and go
     half_width = max(half_width, 0.45 * distance / view.focal_px)
     if round_shape:
+        # a crown stands in front of its trunk
         draw_disc(
-            view,
-            records,
-            lighting,
-            x,
-            y,
-            z,
-            cos,
-            sin,
-            half_width,
-            half_height,
-            slot,
-            pattern,
-            variant,
-        )
+            view, records, lighting, x + CROWN_M * cos, y + CROWN_M * sin, z, cos, sin, half_width,
+            half_height, slot, pattern, variant,
+        )  # fmt: skip
         return
     sx, sy = -sin * half_width, cos * half_width
     draw_wall(

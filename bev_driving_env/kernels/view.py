@@ -5,12 +5,25 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .jit import kernel
 
 NEAR_M = 0.12
 
 # tuples, not arrays: each array that a call passes on costs an atomic count up and down
 Vector = tuple[float, float, float]
+
+
+class Ego(NamedTuple):
+    """The car that carries the cameras: it casts a shadow, but is not in its own pictures."""
+
+    x: float
+    y: float
+    heading: float
+    length_m: float
+    width_m: float
 
 
 class View(NamedTuple):
@@ -63,3 +76,58 @@ def may_see(view: View, x: float, y: float, radius_m: float, reach_m: float) -> 
     half = max(view.center_u, view.width - 1.0 - view.center_u) / view.focal_px
     side = radius_m * math.sqrt(1.0 + half * half) + 20.0 * (abs(a[0][2]) + half * abs(a[2][2]))
     return abs(right) <= half * max(forward, 0.0) + side
+
+
+@kernel
+def camera_view(
+    ego: Ego,
+    pitch_rad: float,
+    roll_rad: float,
+    axes: NDArray,
+    place: NDArray,
+    intrinsics: NDArray,
+    height: int,
+    width: int,
+) -> View:
+    """Where a camera is and looks, given the body's pitch and roll about the ego's origin.
+
+    Args:
+        ego: The car.
+        pitch_rad: Nose down.
+        roll_rad: Right side down.
+        axes: (3, 3) the camera's right, down, forward in the body frame.
+        place: (3,) its position in the body frame.
+        intrinsics: (3, 3).
+        height: Rows.
+        width: Columns.
+    """
+    cos_p, sin_p = math.cos(pitch_rad), math.sin(pitch_rad)
+    cos_r, sin_r = math.cos(roll_rad), math.sin(roll_rad)
+    cos_h, sin_h = math.cos(ego.heading), math.sin(ego.heading)
+    turned = np.empty((4, 3))
+    for k in range(4):
+        if k < 3:
+            x, y, z = axes[k, 0], axes[k, 1], axes[k, 2]
+        else:
+            x, y, z = place[0], place[1], place[2]
+        y, z = cos_r * y - sin_r * z, sin_r * y + cos_r * z
+        x, z = cos_p * x + sin_p * z, -sin_p * x + cos_p * z
+        # ego x is forward, y left; the world has y south, so left is (sin, -cos)
+        turned[k, 0] = cos_h * x + sin_h * y
+        turned[k, 1] = sin_h * x - cos_h * y
+        turned[k, 2] = z
+    turned[3, 0] += ego.x
+    turned[3, 1] += ego.y
+    return View(
+        height,
+        width,
+        intrinsics[0, 0],
+        intrinsics[0, 2],
+        intrinsics[1, 2],
+        (
+            (turned[0, 0], turned[0, 1], turned[0, 2]),
+            (turned[1, 0], turned[1, 1], turned[1, 2]),
+            (turned[2, 0], turned[2, 1], turned[2, 2]),
+        ),
+        (turned[3, 0], turned[3, 1], turned[3, 2]),
+    )

@@ -258,5 +258,8 @@ def _same(one: Spec, other: Spec) -> bool:
 
 def _identity(spec: Spec) -> str:
     """What a spec is: its name, or what an object says of itself, such as its doses."""
-    speaks = type(spec).__repr__ is not object.__repr__
-    return repr(spec) if speaks and not isinstance(spec, str | Path) else source_name(spec)
+    if isinstance(spec, str | Path):
+        return source_name(spec)
+    spoken = repr(spec)
+    # by default an object gives its address, which says nothing
+    return source_name(spec) if " object at 0x" in spoken else spoken

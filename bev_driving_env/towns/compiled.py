@@ -20,7 +20,7 @@ from .raster import Raster, rasterize_classes, rasterize_directions
 from .solids import Solids, index_solids
 
 if TYPE_CHECKING:
-    from ..kernels.camera import Scenery
+    from ..kernels.scenery import Scenery
 
 RULES_PX_PER_M = 10.0
 """Resolution at which the rules see the road, whatever the resolution of the BEV."""
