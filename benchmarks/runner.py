@@ -12,6 +12,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
+import cv2
 from tqdm import tqdm
 
 from bev_driving_env.files import write_json
@@ -62,7 +63,7 @@ def _drive_all(
     # spawned, not forked: the parent may hold threads (progress bar, numerical libraries)
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(
-        min(workers, len(jobs)), mp_context=context, initializer=_obey_parent
+        min(workers, len(jobs)), mp_context=context, initializer=_become_worker
     )
     others = set(multiprocessing.active_children())
     try:
@@ -78,8 +79,13 @@ def _drive_all(
     pool.shutdown()
 
 
-def _obey_parent() -> None:
-    """Make a worker leave Ctrl-C to its parent, and end when the parent does, however it does."""
+def _become_worker() -> None:
+    """Make a process leave Ctrl-C to its parent, end when it does, and keep to one thread.
+
+    Processes that share cores slow each other down manyfold when each also starts threads.
+    """
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # read by PyTorch, which is not loaded yet
+    cv2.setNumThreads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     parent = multiprocessing.parent_process()

@@ -103,8 +103,8 @@ def test_lens_tables_are_bytes_for_every_pixel_of_every_camera(appearance, size)
         assert table.shape == (4, *size)
         assert table.dtype == np.uint8
     assert optics.balance.shape == (4, 3)
-    assert optics.veil_rgb.shape == (3,)
-    assert optics.balance.dtype == optics.veil_rgb.dtype == np.float32
+    assert len(optics.veil_rgb) == 3
+    assert optics.balance.dtype == np.float32
     assert optics.axes.shape == (4, 3, 3)
     assert optics.places.shape == (4, 3)
 
@@ -194,8 +194,8 @@ def test_fog_hides_more_than_clear_air_and_dense_fog_hides_most():
 def test_shadows_darken_where_the_sun_shines_and_only_there():
     clear, _ = optics_of(condition=CLEAR)
     assert clear.sunny
-    assert (clear.atmosphere.shadow < 0.75).all()
-    assert (clear.atmosphere.shadow > 0.1).all()
+    assert max(clear.atmosphere.shadow) < 0.75
+    assert min(clear.atmosphere.shadow) > 0.1
     # sky light is bluer than sunlight, so shadows are too
     assert clear.atmosphere.shadow[2] > clear.atmosphere.shadow[0]
     for condition in (OVERCAST, LIGHT_FOG, NIGHT, DENSE_FOG):
@@ -256,7 +256,7 @@ def test_lamps_are_lit_when_it_is_dark():
 def test_the_night_is_darker_than_the_day_and_its_sky_than_its_lamps():
     day, night = optics_of(condition=CLEAR)[0], optics_of(condition=NIGHT)[0]
     assert ground_colours(night).mean() < 0.25 * ground_colours(day).mean()
-    assert night.atmosphere.zenith_rgb.max() < 40.0 < day.atmosphere.zenith_rgb.min()
+    assert max(night.atmosphere.zenith_rgb) < 40.0 < min(day.atmosphere.zenith_rgb)
 
 
 @pytest.mark.parametrize("condition", CONDITIONS, ids=lambda condition: condition.name)
