@@ -202,9 +202,10 @@ def _footnote(note: dict[str, Any]) -> str:
 def _report(options: RunOptions, results: Sequence[EpisodeResult]) -> int:
     print(table(score(results)))
     failed = [result for result in results if result.error]
-    for result in failed[:3]:
-        who = f"{result.job.agent} on {result.job.bev}"
-        print(f"{who} failed in {result.job.key}: {result.failure}", file=sys.stderr)
+    # one of each driver and source: the others of it mostly fail alike
+    first = {(result.job.agent, result.job.bev): result for result in reversed(failed)}
+    for (agent, bev), result in sorted(first.items()):
+        print(f"{agent} on {bev} failed in {result.job.key}: {result.failure}", file=sys.stderr)
     if failed:
         print(f"{len(failed)} episodes failed; tracebacks are in results.json", file=sys.stderr)
     print(f"\nresults in {options.out}: table.md, results.json, episodes.csv, map_*.png")

@@ -40,17 +40,20 @@ def run_jobs(
     folder = out / "episodes"
     results = {job: read_result(folder, job) for job in jobs}
     films = {job: out / "videos" / f"{job.key}.mp4" if videos else None for job in jobs}
-    missing = [
-        (job, film)
-        for job, film in films.items()
-        if results[job] is None or (film is not None and not film.exists())
-    ]
+    missing = [(job, film) for job, film in films.items() if _is_missing(results[job], film)]
     kept = len(jobs) - len(missing)
     with tqdm(total=len(jobs), initial=kept, unit="episode", desc="driving") as bar:
         for result in _drive_all(missing, folder, workers):
             results[result.job] = result
             bar.update()
     return [result for result in results.values() if result is not None]
+
+
+def _is_missing(result: EpisodeResult | None, film: Path | None) -> bool:
+    """Whether an episode is to be driven; one that failed at once leaves no film."""
+    if result is None or film is None:
+        return result is None
+    return not film.exists() and not result.error
 
 
 def _drive_all(

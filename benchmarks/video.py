@@ -38,9 +38,10 @@ class VideoWriter:
         if self._writer is None:
             height, width = frame.shape[:2]
             code = cv2.VideoWriter.fourcc(*"mp4v")
-            self._writer = cv2.VideoWriter(str(self._partial), code, self._fps, (width, height))
-            if not self._writer.isOpened():
+            writer = cv2.VideoWriter(str(self._partial), code, self._fps, (width, height))
+            if not writer.isOpened():
                 raise OSError(f"OpenCV cannot write the video {self._path}")
+            self._writer = writer
         self._writer.write(np.ascontiguousarray(frame[..., ::-1]))
 
     def __exit__(

@@ -197,7 +197,7 @@ class BEVTownEnv(gym.Env[Any, Any]):
         config = self.settings.world_config()
         self.world = World(compiled_town(town), config)
         self.sensors = Sensors(self.world, self.settings.camera_settings())
-        self.policy_view = PolicyView(self.settings.bev_source, 1, config.bev.size)
+        self.policy_view = PolicyView(self.settings.bev_source, 1, config.bev)
         self.action_space = action_space()
         if self.settings.cameras or self.policy_view.needs_frame:
             self.sensors.prepare()

@@ -39,7 +39,7 @@ class Sensors:
         vehicle = self.world.config.vehicle
         size = float(vehicle.length_m), float(vehicle.width_m)
         with announce_compilation():
-            renderer = CameraRenderer(self.world.town, self.settings, size)
+            renderer = CameraRenderer(self.world.town, self.settings, size, len(self.world))
             # compiles or loads the kernels now, so that no later step pays for it
             renderer.render(self.world.state, 0)
         return renderer

@@ -90,7 +90,7 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         config = self.settings.world_config()
         self.world = World(compiled_town(town), config, num_envs)
         self.sensors = Sensors(self.world, self.settings.camera_settings())
-        self.policy_view = PolicyView(self.settings.bev_source, self.num_envs, config.bev.size)
+        self.policy_view = PolicyView(self.settings.bev_source, self.num_envs, config.bev)
         self._max_episode_steps = max_episode_steps
         self.single_action_space = action_space()
         if self.settings.cameras or self.policy_view.needs_frame:

@@ -14,6 +14,8 @@ KEY_NAMES = (
 )
 """The keys that are asked for."""
 
+UNSEEN = ("offscreen", "dummy")
+
 
 class Window:
     """Shows RGB frames with pygame, at no more than a given rate.
@@ -43,6 +45,10 @@ class Window:
             try:
                 pygame.display.init()
                 self._screen = pygame.display.set_mode(frame.shape[1::-1])
+                driver = pygame.display.get_driver()
+                if driver in UNSEEN and "SDL_VIDEODRIVER" not in os.environ:
+                    # SDL falls back to a window that nobody sees
+                    raise pygame.error(f"SDL found only its driver {driver!r}")
             except pygame.error as error:
                 raise RuntimeError(
                     f"render_mode='human' needs a display ({error}); "

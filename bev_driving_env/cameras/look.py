@@ -47,8 +47,8 @@ class Look:
         wetness: See there.
         noise: See there.
         blur_px: See there.
-        exposure: (4 or more,) brightness of each camera.
-        balance: (4 or more, 3) white balance of each camera.
+        exposure: (cameras,) brightness of each camera.
+        balance: (cameras, 3) white balance of each camera.
         dirty: Whether there is dirt on the lenses.
         mount_deg: (cameras, 3) mounting error: yaw, pitch, roll.
         mount_m: (cameras, 3) mounting error: forward, left, up.

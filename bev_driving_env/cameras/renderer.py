@@ -62,10 +62,15 @@ class CameraRenderer:
         town: The town.
         settings: Rig, appearance, motion.
         ego_size_m: Length and width of the ego, which casts a shadow.
+        worlds: How many worlds are rendered in turn; their looks are kept.
     """
 
     def __init__(
-        self, town: CompiledTown, settings: CameraSettings, ego_size_m: tuple[float, float]
+        self,
+        town: CompiledTown,
+        settings: CameraSettings,
+        ego_size_m: tuple[float, float],
+        worlds: int = 1,
     ) -> None:
         self.settings = settings
         self._scenery: Scenery = town.scenery(dense=settings.appearance == "hard")
@@ -85,8 +90,8 @@ class CameraRenderer:
         )
         self._planes = np.empty((len(settings.rig.cameras), 3, height, width), np.uint8)
         self._intrinsics = settings.rig.intrinsics().astype(np.float64)
-        # worlds of one environment need a look each; old ones make room for new ones
-        self._dressed = functools.lru_cache(maxsize=256)(self._dress)
+        # each world has a look, and so may an episode that one goes back to
+        self._dressed = functools.lru_cache(maxsize=worlds + 1)(self._dress)
 
     def look(self, episode_seed: int) -> Look:
         """The look of the episode with a seed."""
@@ -163,7 +168,7 @@ class CameraRenderer:
         for planes, image in zip(self._planes, images, strict=True):
             cv2.merge(list(planes), dst=image)
             if blur >= LEAST_BLUR_PX:
-                cv2.GaussianBlur(image, (3, 3), blur, dst=image)
+                cv2.GaussianBlur(image, (3, 3) if blur < 0.8 else (0, 0), blur, dst=image)
         start = int(mix(mix(seed, SENSOR_NOISE) >> 1, step) % NOISE_TILE)
         add_noise(images, noise_tile(round(10.0 * look.noise)), start)
         return images

@@ -140,13 +140,14 @@ class CameraRig:
     size: tuple[int, int] = CAMERA_SIZE
 
     def __post_init__(self) -> None:
-        cameras = tuple(self.cameras) if isinstance(self.cameras, Sequence) else ()
+        given = self.cameras.cameras if isinstance(self.cameras, CameraRig) else self.cameras
+        cameras = tuple(given) if isinstance(given, Sequence) else ()
         if not cameras or not all(isinstance(camera, Camera) for camera in cameras):
             raise ValueError(f"a rig needs a tuple of Camera objects, got {self.cameras!r}")
         names = [camera.name for camera in cameras]
         if len(set(names)) < len(names):
             raise ValueError(f"cameras of a rig need different names, got {', '.join(names)}")
-        size = tuple(self.size) if isinstance(self.size, Sequence) else ()
+        size = tuple(self.size) if isinstance(self.size, Sequence | np.ndarray) else ()
         if len(size) != 2 or not all(is_int(side) and 16 <= side <= 4096 for side in size):
             raise ValueError(
                 f"camera size must be (height, width) of 16 to 4096 px, got {self.size!r}"

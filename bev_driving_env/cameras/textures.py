@@ -24,7 +24,6 @@ from ..kernels.surfaces import GRAIN_SIZE
 NEUTRAL = 96
 """Codes up to 191 multiply a colour by code / 96; those above are windows."""
 WINDOW = 192
-FLOOR_M = 3.2
 CELL_PX = 32
 """A floor and a window's share of the wall are this many texels."""
 

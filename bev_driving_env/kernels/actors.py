@@ -66,8 +66,8 @@ def draw_vehicle(
     )  # fmt: skip
     # the cabin: glass all round under a painted roof
     back, front = (0.0, 0.80) if boxy else (0.16, 0.66)
-    middle, extent = half - (back + front) * half, (front - back) * half
-    middle = half * (1.0 - back - front) if not boxy else -half * 0.16
+    extent = (front - back) * half
+    middle = -0.16 * half if boxy else (1.0 - back - front) * half
     cx, cy = x + cos * middle, y + sin * middle
     top = height_m - 0.06
     draw_box(

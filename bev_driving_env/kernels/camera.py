@@ -47,7 +47,7 @@ def new_workspace(scenery: Scenery, cameras: int, height: int, width: int) -> Wo
         ),
         skyline=Skyline(np.zeros(width), np.zeros(width)),
         canvas=new_canvas(height, width),
-        records=new_records(),
+        records=new_records(cameras),
         starts=np.zeros(cameras + 1, np.int64),
         scratch=RowScratch(
             np.zeros((2, width), np.float32),

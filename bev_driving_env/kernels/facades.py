@@ -28,7 +28,7 @@ from .view import Vector
 
 
 @kernel
-def pattern_scale(pattern: int, variant: int) -> tuple[float, float, float, float]:
+def pattern_scale(pattern: int) -> tuple[float, float, float, float]:
     """Texels per metre along and up a face, brightening per metre up, and average factor."""
     if pattern >= FACADE:
         return 32.0 / (2.6 + 0.35 * (pattern - FACADE)), 10.0, 0.0, 0.8
@@ -111,7 +111,7 @@ def shade_faces(
             continue
         along_x, along_y = f32(table[number, ALONG_X]), f32(table[number, ALONG_Y])
         variant = int(table[number, VARIANT])
-        per_s, per_z, rising, average = pattern_scale(pattern, variant)
+        per_s, per_z, rising, average = pattern_scale(pattern)
         near_m = f32(pixel) / nearness[u]
         fade = one / (one + (near_m * f32(0.22 * per_z)) ** 2)
         # along the face and up, in texels; both are linear before the perspective division

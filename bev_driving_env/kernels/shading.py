@@ -13,6 +13,7 @@ from .jit import kernel
 from .mesh import Canvas
 from .shapes import Records
 from .surfaces import (
+    FARTHEST_M,
     GRAIN_PER_M,
     STAIN_PER_M,
     add_ground,
@@ -22,13 +23,14 @@ from .surfaces import (
 )
 from .view import Vector, View
 
-FARTHEST_M = 400.0
 HAZE_STEPS = 2048
 """Haze is tabulated by inverse depth, from 0 to 1 per metre."""
 MOST_SAMPLES = 5
 """Ground rows near the horizon are the mean of up to this many rows in between."""
 SHARP_GRAIN_M, SHARP_STAINS_M = 0.08, 0.6
 """A pixel may cover this much ground along the view before grain, and stains, average out."""
+LEVEL_SHARE, PIECE_PX = 0.3, 32
+"""A row along which the depth changes by more than this share is painted in pieces so long."""
 BEAM_REACH_M = 10.0
 
 
@@ -110,15 +112,12 @@ class RowScratch(NamedTuple):
 
 
 @kernel
-def row_sampling(view: View, ground: GroundTexture, row: float) -> tuple[int, int, float]:
-    """How to sample the ground along an image row.
+def ground_sampling(view: View, ground: GroundTexture, depth: float) -> tuple[int, int, float]:
+    """How to sample the ground that lies at some depth.
 
     Returns:
         Level of the pyramid, number of samples, and metres along the view that a pixel covers.
     """
-    axes = view.axes
-    slope = axes[1][2] * (row - view.center_v) / view.focal_px + axes[2][2]
-    depth = view.place[2] / max(-slope, view.place[2] / FARTHEST_M)
     across_m = depth / view.focal_px
     along_m = depth * depth / (view.focal_px * view.place[2])
     level = math.floor(math.log2(max(across_m * ground.px_per_m, 1.0)) + 0.5)
@@ -214,8 +213,15 @@ def shade_image(
             )  # fmt: skip
             # what is left for the ground
             begin, end = (first, begin) if nearness0 > least else (end, stop)
-        if begin < end:
-            level, samples, along_m = row_sampling(view, ground, v)
+        while begin < end:
+            # on a tilted row the depth changes: level and haze are those of a piece of it
+            nearness0 = max(left + slope * begin, least)
+            piece = end - begin
+            if abs(slope) * piece > LEVEL_SHARE * nearness0:
+                piece = min(piece, PIECE_PX)
+            full_end, end = end, begin + piece
+            nearness1 = max(left + slope * (end - 1), least)
+            level, samples, along_m = ground_sampling(view, ground, 2.0 / (nearness0 + nearness1))
             rows, columns, offset = (
                 ground.shapes[level, 0],
                 ground.shapes[level, 1],
@@ -230,9 +236,8 @@ def shade_image(
                     texels, atmosphere.ground, dither[(v + 3 * k) & 7], scratch.where,
                     scratch.texel, scratch.sums,
                 )  # fmt: skip
-            nearness0, nearness1 = left + slope * begin, left + slope * (end - 1)
-            index0 = int(min(max(nearness0, least), 1.0) * top)
-            index1 = int(min(max(nearness1, least), 1.0) * top)
+            index0 = int(min(nearness0, 1.0) * top)
+            index1 = int(min(nearness1, 1.0) * top)
             span = max(end - 1 - begin, 1)
             haze = along_row(atmosphere.haze, index0, index1, span)
             sheen = along_row(atmosphere.sheen, index0, index1, span)
@@ -246,6 +251,7 @@ def shade_image(
                 canvas.shadow[v], atmosphere.shadow, haze, sheen, atmosphere.haze_rgb,
                 scratch.sums, scratch.parts, rgb,
             )  # fmt: skip
+            begin, end = end, full_end
         shade_faces(
             view.width, ray, step, view.place, 1.0 / view.focal_px, faces, canvas.nearness[v],
             records.table, atmosphere.pages, atmosphere.codes, atmosphere.haze,

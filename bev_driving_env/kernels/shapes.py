@@ -25,7 +25,8 @@ FACADES = 4
 PATTERNS = 8 + FACADES
 CROWN_M = 0.2
 MOST_CORNERS = 8
-MOST_FACES = 8192
+MOST_FACES = 2048
+"""For each camera; in town, a few hundred are seen."""
 # columns of Records.table
 SIZE, MARK, PATTERN, VARIANT, COLOUR, ORIGIN_X, ORIGIN_Y, ORIGIN_Z, ALONG_X, ALONG_Y = (
     0, 1, 2, 3, 4, 7, 8, 9, 10, 11,
@@ -72,11 +73,12 @@ class Records(NamedTuple):
     used: NDArray[np.int64]
 
 
-def new_records() -> Records:
-    """An empty list of faces."""
+def new_records(cameras: int) -> Records:
+    """An empty list of faces for some cameras."""
+    most = MOST_FACES * cameras
     return Records(
-        np.zeros((MOST_FACES, MOST_CORNERS, 3)),
-        np.zeros((MOST_FACES, FACE_COLUMNS)),
+        np.zeros((most, MOST_CORNERS, 3)),
+        np.zeros((most, FACE_COLUMNS)),
         np.ones(1, np.int64),
     )
 

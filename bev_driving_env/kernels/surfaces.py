@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from .jit import kernel
 from .view import Vector
 
+FARTHEST_M = 400.0
 GRAIN_SIZE = 128
 GRAIN_BITS = 7
 GRAIN_PER_M, STAIN_PER_M = 13.0, 1.3
@@ -65,7 +66,7 @@ def add_ground(
     """
     f32, i32 = np.float32, np.int32
     zero, one = f32(0.0), f32(1.0)
-    least = f32(1.0 / 400.0)
+    least = f32(1.0 / FARTHEST_M)
     ray_x, ray_y, ray_z = f32(ray[0]), f32(ray[1]), f32(ray[2])
     step_x, step_y, step_z = f32(step[0]), f32(step[1]), f32(step[2])
     from_x, from_y, height = f32(place[0]), f32(place[1]), f32(place[2])

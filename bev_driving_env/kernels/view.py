@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from .jit import kernel
 
 NEAR_M = 0.12
+LOWEST_M = 0.1
 
 # tuples, not arrays: each array that a call passes on costs an atomic count up and down
 Vector = tuple[float, float, float]
@@ -69,12 +70,13 @@ def may_see(view: View, x: float, y: float, radius_m: float, reach_m: float) -> 
     a = view.axes
     forward = a[2][0] * dx + a[2][1] * dy
     right = a[0][0] * dx + a[0][1] * dy
-    # the part of the axes that heights up to 20 m can add
-    slack = radius_m + 20.0 * abs(a[2][2])
+    # the part of the axes that heights up to 20 m can add, seen from the camera's own
+    tall = 20.0 + view.place[2]
+    slack = radius_m + tall * abs(a[2][2])
     if forward < -slack:
         return False
     half = max(view.center_u, view.width - 1.0 - view.center_u) / view.focal_px
-    side = radius_m * math.sqrt(1.0 + half * half) + 20.0 * (abs(a[0][2]) + half * abs(a[2][2]))
+    side = radius_m * math.sqrt(1.0 + half * half) + tall * (abs(a[0][2]) + half * abs(a[2][2]))
     return abs(right) <= half * max(forward, 0.0) + side
 
 
@@ -129,5 +131,6 @@ def camera_view(
             (turned[1, 0], turned[1, 1], turned[1, 2]),
             (turned[2, 0], turned[2, 1], turned[2, 2]),
         ),
-        (turned[3, 0], turned[3, 1], turned[3, 2]),
+        # a camera low at the end of a long car would dip into the ground when braking
+        (turned[3, 0], turned[3, 1], max(turned[3, 2], LOWEST_M)),
     )

@@ -15,7 +15,7 @@ from ..checks import is_int, is_number
 from ..frames import BEVGeometry
 from . import corruptions
 from .checked import checked_planes, predict
-from .protocol import BEVSourceError, SensorFrame
+from .protocol import BEVSourceError, PrivilegedSource, SensorFrame
 from .registry import make_bev_source, source_name
 
 _MODELS: dict[str, tuple[corruptions.Model, int | None]] = {
@@ -54,7 +54,7 @@ class CorruptedState:
     inner: Any
 
 
-class CorruptedBEV:
+class CorruptedBEV(PrivilegedSource):
     """A BEV source whose output is made worse in a controlled way, to see what that costs.
 
     Each error model has a dose from 0, which changes nothing, to 1:
@@ -101,6 +101,7 @@ class CorruptedBEV:
         geometry: That of the environment, if not the default.
 
     Attributes:
+        geometry: See above.
         channels: Names of the channels of the source.
         needs_frame: Whether the source wants a sensor frame.
         needs_truth: Whether the source wants the true BEV.
@@ -150,7 +151,7 @@ class CorruptedBEV:
         self._doses = {name: float(dose) for name, dose in doses.items() if dose > 0.0}
         self._inner = cast(Any, make_bev_source(source))
         self._name = source_name(source)
-        self._privileged = hasattr(self._inner, "perceive")
+        self._privileged = isinstance(self._inner, PrivilegedSource)
         self.channels: tuple[str, ...] = tuple(self._inner.channels)
         self.needs_frame: bool = self._inner.needs_frame if self._privileged else True
         self.needs_truth: bool = self._inner.needs_truth if self._privileged else False
@@ -163,7 +164,7 @@ class CorruptedBEV:
                 f"{', '.join(self.channels[k] for k in self._selected)}"
             )
         self._seed = _checked_seed("seed", seed)
-        self._geometry = geometry
+        self.geometry = geometry
         self._episode_seed = 0
         self._forget()
 
@@ -234,7 +235,7 @@ class CorruptedBEV:
         self, frame: SensorFrame | None, truth: NDArray[np.uint8] | None
     ) -> NDArray[np.uint8]:
         """The inner source's BEV, a new array."""
-        size = self._geometry.size
+        size = self.geometry.size
         if self._privileged:
             planes = self._inner.perceive(frame, truth)
             if planes.shape[-1] != size:
@@ -255,7 +256,7 @@ class CorruptedBEV:
         model, frames = _MODELS[name]
         block = 0 if frames is None else self._frames // frames
         seeds = [self._seed, self._episode_seed, block, zlib.crc32(name.encode())]
-        return model(planes, dose, np.random.default_rng(seeds), self._geometry)
+        return model(planes, dose, np.random.default_rng(seeds), self.geometry)
 
     def snapshot(self) -> CorruptedState:
         """What is remembered now; later frames do not change it."""

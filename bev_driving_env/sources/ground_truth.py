@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..frames import CHANNELS
-from .protocol import BEVSourceError, SensorFrame
+from .protocol import BEVSourceError, PrivilegedSource, SensorFrame
 
 
-class GroundTruth:
+class GroundTruth(PrivilegedSource):
     """``bev_source="ground_truth"``: a privileged source that returns the true BEV as it is.
 
     Attributes:

@@ -25,13 +25,14 @@ class IPM:
         geometry: The BEV to predict.
 
     Attributes:
+        geometry: See above.
         channels: Road, route and lane.
     """
 
     channels: tuple[str, ...] = ("road", "route", "lane")
 
     def __init__(self, geometry: BEVGeometry = _GEOMETRY) -> None:
-        self._geometry = geometry
+        self.geometry = geometry
         self._rig: tuple[bytes, bytes, tuple[int, ...]] | None = None
         self._view: GroundView
         self._roads: RoadFinder
@@ -44,7 +45,7 @@ class IPM:
         """Predict (3, size, size): 255 where there is road, route, lane."""
         rgb = self._view_of(frame).project(frame.images)
         road = self._roads.find(frame.images, rgb)
-        route = draw_route(self._geometry, frame.route_map)
+        route = draw_route(self.geometry, frame.route_map)
         lane = self._lines.find(rgb, road)
         return np.stack([road, route, lane]) * np.uint8(255)
 
@@ -64,8 +65,8 @@ class IPM:
         rig = (frame.intrinsics.tobytes(), frame.extrinsics.tobytes(), frame.images.shape)
         if rig != self._rig:
             size = (frame.images.shape[1], frame.images.shape[2])
-            self._view = GroundView(self._geometry, frame.intrinsics, frame.extrinsics, size)
-            self._roads = RoadFinder(self._geometry, self._view)
-            self._lines = LineFinder(self._geometry, self._view)
+            self._view = GroundView(self.geometry, frame.intrinsics, frame.extrinsics, size)
+            self._roads = RoadFinder(self.geometry, self._view)
+            self._lines = LineFinder(self.geometry, self._view)
             self._rig = rig
         return self._view

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..frames import CHANNELS
+from ..frames import CHANNELS, BEVGeometry
 from .checked import one_line, predict, predict_batch
+from .corrupted import CorruptedBEV
 from .ground_truth import GroundTruth
-from .protocol import BatchedBEVSource, BEVSourceError, SensorFrame
+from .protocol import BatchedBEVSource, BEVSourceError, PrivilegedSource, SensorFrame
 from .registry import make_bev_source, source_name
 
 Spec = Any
@@ -44,6 +46,7 @@ class _Feed:
         channels: BEV channels it is to fill.
         required: Those of them that were asked of it by name.
         worlds: Number of worlds.
+        geometry: BEV of the environment.
 
     Attributes:
         name: Name of the source, for messages.
@@ -52,10 +55,18 @@ class _Feed:
     """
 
     def __init__(
-        self, spec: Spec, channels: Sequence[str], required: set[str], worlds: int
+        self,
+        spec: Spec,
+        channels: Sequence[str],
+        required: set[str],
+        worlds: int,
+        geometry: BEVGeometry,
     ) -> None:
         self.name = source_name(spec)
-        first = make_bev_source(spec)
+        first = _made_for(spec, geometry)
+        if first is spec and isinstance(first, CorruptedBEV):
+            # so that environments which are given one object do not share what it remembers
+            first = copy.deepcopy(first)
         offered = tuple(first.channels)
         for channel in channels:
             if channel in required and channel not in offered:
@@ -66,18 +77,18 @@ class _Feed:
         used = [channel for channel in channels if channel in offered]
         self.rows = [offered.index(channel) for channel in used]
         self.targets = [CHANNELS.index(channel) for channel in used]
-        self.privileged = hasattr(first, "perceive")
+        self.privileged = isinstance(first, PrivilegedSource)
         self.batched = not self.privileged and isinstance(first, BatchedBEVSource)
         self.needs_frame = not self.privileged or bool(getattr(first, "needs_frame", False))
         self.needs_truth = self.privileged and bool(getattr(first, "needs_truth", True))
         self.sources = [first]
         if not self.batched:
             # what a source remembers belongs to one world
-            self.sources += [self._another(spec, first) for _ in range(worlds - 1)]
+            self.sources += [self._another(spec, first, geometry) for _ in range(worlds - 1)]
 
-    def _another(self, spec: Spec, first: Any) -> Any:
+    def _another(self, spec: Spec, first: Any, geometry: BEVGeometry) -> Any:
         if isinstance(spec, str | Path):
-            return make_bev_source(spec)
+            return _made_for(spec, geometry)
         try:
             return copy.deepcopy(first)
         except Exception as error:  # foreign objects may refuse in any way
@@ -110,7 +121,7 @@ class PolicyView:
     Args:
         spec: See ``Spec``.
         worlds: Number of worlds.
-        size: Side of the BEV in pixels.
+        geometry: BEV of the environment.
 
     Attributes:
         is_truth: Whether every channel is the ground truth.
@@ -118,10 +129,12 @@ class PolicyView:
         needs_truth: Whether any source wants the true BEV.
 
     Raises:
-        ValueError: A source is unknown, or does not predict a channel that was asked of it.
+        ValueError: A source is unknown, was made for another BEV geometry, or does not predict a
+            channel that was asked of it.
     """
 
-    def __init__(self, spec: Spec, worlds: int, size: int) -> None:
+    def __init__(self, spec: Spec, worlds: int, geometry: BEVGeometry) -> None:
+        size = geometry.size
         by_channel = channel_specs(spec)
         asked = set(spec) if isinstance(spec, Mapping) else set()
         self._feeds: list[_Feed] = []
@@ -132,7 +145,8 @@ class PolicyView:
             # one source for all channels with the same spec
             mine = [c for c in CHANNELS if _same(by_channel[c], by_channel[channel])]
             done.update(mine)
-            self._feeds.append(_Feed(by_channel[channel], mine, asked & set(mine), worlds))
+            required = asked & set(mine)
+            self._feeds.append(_Feed(by_channel[channel], mine, required, worlds, geometry))
         self._size = size
         self._identity = tuple(_identity(by_channel[channel]) for channel in CHANNELS)
         self.is_truth = all(type(feed.of(0)) is GroundTruth for feed in self._feeds)
@@ -145,7 +159,7 @@ class PolicyView:
     def reset(self, n: int, episode_seed: int) -> None:
         """Tell the sources of world ``n`` that an episode starts."""
         for feed in self._feeds:
-            feed.call(n, "seed", episode_seed)
+            feed.call(n, "seed", _seed_for_sources(episode_seed))
             feed.call(n, "reset")
 
     def observe(
@@ -257,9 +271,25 @@ def _same(one: Spec, other: Spec) -> bool:
 
 
 def _identity(spec: Spec) -> str:
-    """What a spec is: its name, or what an object says of itself, such as its doses."""
-    if isinstance(spec, str | Path):
-        return source_name(spec)
-    spoken = repr(spec)
-    # by default an object gives its address, which says nothing
-    return source_name(spec) if " object at 0x" in spoken else spoken
+    """What a spec is: its name, or what an object says of itself: its doses, or its address."""
+    return source_name(spec) if isinstance(spec, str | Path) else repr(spec)
+
+
+def _made_for(spec: Spec, geometry: BEVGeometry) -> Any:
+    """Make a source, and see to it that it predicts the environment's BEV if it depends on it."""
+    source = make_bev_source(spec)
+    theirs = getattr(source, "geometry", geometry)
+    if not isinstance(theirs, BEVGeometry) or theirs == geometry:
+        return source
+    if spec == "ipm":
+        return type(source)(geometry)  # type: ignore[call-arg]
+    raise ValueError(
+        f"bev_source {source_name(spec)!r} was made for {theirs}, the environment has {geometry}: "
+        f"give it geometry={geometry}"
+    )
+
+
+def _seed_for_sources(episode_seed: int) -> int:
+    """A number for each episode that does not give away the errors drawn from its seed."""
+    digest = hashlib.blake2b(b"bev source %d" % episode_seed, digest_size=7).digest()
+    return int.from_bytes(digest, "little")

@@ -22,7 +22,7 @@ class SensorFrame:
     y down, z forward; integer pixel coordinates are pixel centres.
 
     Attributes:
-        images: (4, H, W, 3) uint8 RGB: front, left, right, rear.
+        images: (4, H, W, 3) uint8 RGB: front, left, right, rear; of another rig, its cameras.
         intrinsics: (4, 3, 3) float32, pixels.
         extrinsics: (4, 4, 4) float32 ``camera_from_ego``, nominal: the same in every frame,
             whatever the body and the mounting really do.
@@ -55,7 +55,8 @@ class BEVSource(Protocol):
     N frames; a source that has it is shared by all worlds of a vector environment, so it must not
     remember anything from frame to frame. ``snapshot()`` and ``restore(state)`` let a source that
     does remember something take part in rewinding. ``seed(number)``, called before ``reset()``
-    with the episode's seed, lets a random source draw differently in each episode.
+    with a number made from the episode's seed (from which no one can tell the hidden errors of
+    cameras and GPS), lets a random source draw differently in each episode.
 
     Attributes:
         channels: Names of the channels it predicts, in the order of its output; of
@@ -79,8 +80,11 @@ class BatchedBEVSource(BEVSource, Protocol):
         """Predict (N, len(channels), size, size) for N frames."""
 
 
-class PrivilegedSource(Protocol):
-    """A built-in source that starts from the true BEV instead of a prediction.
+class PrivilegedSource:
+    """Base of sources that may see the true BEV: ``GroundTruth``, and ``CorruptedBEV`` around it.
+
+    Only subclasses are given the truth, whatever methods another class has: a predictor cannot come
+    by it unawares.
 
     Attributes:
         channels: Names of the channels it returns, in order.
@@ -99,6 +103,7 @@ class PrivilegedSource(Protocol):
         self, frame: SensorFrame | None, truth: NDArray[np.uint8] | None
     ) -> NDArray[np.uint8]:
         """Planes (len(channels), size, size) uint8, given what it asked for."""
+        raise NotImplementedError
 
 
 class BEVSourceError(RuntimeError):

@@ -150,7 +150,7 @@ def _loaded(spec: str, target: str) -> Any:
     module = _imported(spec, module_name)
     try:
         factory = getattr(module, factory_name)
-    except Exception as error:  # a foreign module may raise anything
+    except (Exception, SystemExit) as error:  # a foreign module may raise anything
         raise ValueError(f"bev_source {spec!r} cannot be loaded: {one_line(error)}") from error
     if not callable(factory):
         raise ValueError(f"bev_source {spec!r} must name a factory or a class, got {factory!r}")
@@ -160,14 +160,17 @@ def _loaded(spec: str, target: str) -> Any:
 def _imported(spec: str, module_name: str) -> Any:
     try:
         return importlib.import_module(module_name)
-    except Exception as error:  # a foreign module may raise anything while it is imported
+    except (
+        Exception,
+        SystemExit,
+    ) as error:  # a foreign module may raise anything while it is imported
         raise ValueError(f"bev_source {spec!r} cannot be loaded: {one_line(error)}") from error
 
 
 def _called(spec: str, factory: Callable[[], Any]) -> Any:
     try:
         return factory()
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise ValueError(f"bev_source {spec!r} cannot be made: {one_line(error)}") from error
 
 
@@ -192,7 +195,7 @@ def _checked_source(owner: str, source: Any) -> Any:
     missing = [] if hasattr(source, "channels") else ["channels"]
     if not callable(getattr(source, "reset", None)):
         missing.append("reset()")
-    if callable(getattr(source, "perceive", None)):
+    if isinstance(source, PrivilegedSource):
         missing += [item for item in ("needs_frame", "needs_truth") if not hasattr(source, item)]
     elif not callable(source):
         missing.append("__call__(frame)")

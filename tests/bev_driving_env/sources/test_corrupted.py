@@ -10,7 +10,7 @@ import pytest
 
 from bev_driving_env.frames import CHANNELS, BEVGeometry
 from bev_driving_env.sources.corrupted import CORRUPTIONS, CorruptedBEV
-from bev_driving_env.sources.protocol import BEVSourceError, SensorFrame
+from bev_driving_env.sources.protocol import BEVSourceError, PrivilegedSource, SensorFrame
 
 GEOMETRY = BEVGeometry(size=64, ego_row=50)
 EVERYTHING = dict.fromkeys(CORRUPTIONS, 0.3)
@@ -28,7 +28,7 @@ class Toy:
         return np.full((2, 64, 64), frame.measurements[0], np.float32)
 
 
-class Counter:
+class Counter(PrivilegedSource):
     """A source that remembers: its n-th BEV has n in all places. Keeps one buffer for all."""
 
     channels = ("road", "lane")

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
-from bev_driving_env.frames import CHANNELS
+from bev_driving_env.frames import CHANNELS, BEVGeometry
 from bev_driving_env.sources.corrupted import CorruptedBEV
 from bev_driving_env.sources.policy_view import PolicyView, channel_specs
 from bev_driving_env.sources.protocol import BEVSourceError, SensorFrame
 
 SIZE = 16
+GEOMETRY = BEVGeometry(size=SIZE, ego_row=12)
+TWICE = BEVGeometry(size=2 * SIZE, ego_row=24)
 
 
 class Flat:
@@ -84,7 +86,7 @@ def truth_of(worlds):
 
 
 def started(spec, worlds=1):
-    view = PolicyView(spec, worlds, SIZE)
+    view = PolicyView(spec, worlds, GEOMETRY)
     for n in range(worlds):
         view.reset(n, 100 + n)
     return view
@@ -154,7 +156,7 @@ def test_one_source_named_for_several_channels_is_asked_once():
 )
 def test_what_cannot_be_put_together_is_refused_with_its_name(spec, message):
     with pytest.raises(ValueError, match=message):
-        PolicyView(spec, 1, SIZE)
+        PolicyView(spec, 1, GEOMETRY)
 
 
 def test_the_specs_of_channels_are_those_named_and_else_the_default():
@@ -192,9 +194,9 @@ def test_a_batched_source_is_shared_and_asked_once_for_all_frames():
 def test_a_source_that_cannot_be_copied_is_refused_with_ways_out():
     source = Flat()
     source.lock = open(__file__)  # noqa: SIM115
-    PolicyView(source, 1, SIZE)
+    PolicyView(source, 1, GEOMETRY)
     with pytest.raises(ValueError, match=r"Flat.*cannot be copied.*register_bev_source.*batch"):
-        PolicyView(source, 2, SIZE)
+        PolicyView(source, 2, GEOMETRY)
     source.lock.close()
 
 
@@ -230,8 +232,8 @@ def test_frames_are_made_once_a_world_and_only_if_somebody_wants_them():
     view = started({"road": Flat(), "lane": Flat(), "default": "ground_truth"}, 2)
     view.observe([0, 1], make, truth_of(2))
     assert made == [0, 1]
-    started(CorruptedBEV("ground_truth"))
-    assert not started(CorruptedBEV("ground_truth")).needs_frame
+    started(CorruptedBEV("ground_truth", geometry=GEOMETRY))
+    assert not started(CorruptedBEV("ground_truth", geometry=GEOMETRY)).needs_frame
 
 
 def test_the_seed_comes_before_the_reset_and_is_that_of_the_episode():
@@ -240,10 +242,16 @@ def test_the_seed_comes_before_the_reset_and_is_that_of_the_episode():
             self.calls.append(number)
 
     source = Seeded()
-    view = PolicyView(source, 1, SIZE)
+    view = PolicyView(source, 1, GEOMETRY)
     view.reset(0, 5)
     view.reset(0, 6)
-    assert source.calls == [5, "reset", 6, "reset"]
+    first, _, second, _ = source.calls
+    assert source.calls[1::2] == ["reset", "reset"]
+    # the same for the same episode, and telling nothing of its seed
+    assert first != second
+    assert not {first, second} & {5, 6}
+    view.reset(0, 5)
+    assert source.calls[4] == first
 
 
 def test_a_snapshot_takes_the_sources_and_the_picture_back():
@@ -261,7 +269,7 @@ def test_a_snapshot_of_other_sources_or_none_is_not_taken():
     view = started(Counter())
     snapshot = view.snapshot()
     assert not started({"road": Counter(), "default": Flat()}).restore(snapshot)
-    assert not PolicyView(Counter(), 1, 2 * SIZE).restore(snapshot)
+    assert not PolicyView(Counter(), 1, TWICE).restore(snapshot)
     assert not view.restore(None)
 
 
@@ -277,7 +285,7 @@ def raiser(kind, where):
 @pytest.mark.parametrize("where", ["reset", "seed", "__call__", "predict_batch", "snapshot"])
 @pytest.mark.parametrize("kind", [RuntimeError, KeyError, ZeroDivisionError])
 def test_whatever_a_source_raises_is_chained_to_an_error_with_its_name(kind, where):
-    view = PolicyView(raiser(kind, where), 1, SIZE)
+    view = PolicyView(raiser(kind, where), 1, GEOMETRY)
 
     def use():
         view.reset(0, 0)
@@ -329,3 +337,37 @@ def test_a_failed_moment_leaves_what_was_seen_before():
     with pytest.raises(BEVSourceError):
         view.observe([0], frame_of, None)
     assert values(view.last()) == [[1] * 6]
+
+
+def test_a_class_of_ones_own_is_not_given_the_truth_whatever_methods_it_has():
+    class Curious(Flat):
+        needs_truth, needs_frame = True, False
+
+        def perceive(self, frame, truth):
+            return truth
+
+    view = started(Curious(7))
+    assert not view.needs_truth
+    assert view.needs_frame
+    assert set(values(view.observe([0], frame_of, truth_of(1)))[0]) <= {0, 7}
+
+
+def test_a_source_made_for_another_geometry_is_refused_with_both():
+    with pytest.raises(ValueError, match=r"size=32.*environment has.*size=16.*geometry="):
+        PolicyView(CorruptedBEV("ground_truth", geometry=TWICE), 1, GEOMETRY)
+
+
+def test_ipm_by_name_predicts_the_environments_geometry():
+    geometry = BEVGeometry(size=64, px_per_m=2.0, ego_row=40)
+    assert PolicyView("ipm", 1, geometry)._feeds[0].of(0).geometry == geometry
+
+
+def test_environments_given_one_corrupted_bev_do_not_share_what_it_remembers():
+    late = CorruptedBEV("ground_truth", latency=1.0, geometry=GEOMETRY)
+    one, other = started(late), started(late)
+    one.observe([0], frame_of, truth_of(1))
+    fresh = started(CorruptedBEV("ground_truth", latency=1.0, geometry=GEOMETRY))
+    for _ in range(3):
+        np.testing.assert_array_equal(
+            other.observe([0], frame_of, truth_of(1)), fresh.observe([0], frame_of, truth_of(1))
+        )

@@ -12,7 +12,7 @@ import pytest
 import perception
 from bev_driving_env.sources import registry
 from bev_driving_env.sources.ground_truth import GroundTruth
-from bev_driving_env.sources.protocol import BEVSource
+from bev_driving_env.sources.protocol import BEVSource, PrivilegedSource
 from bev_driving_env.sources.registry import (
     bev_source_names,
     make_bev_source,
@@ -34,7 +34,7 @@ class Mine:
         return np.zeros((2, 192, 192), np.uint8)
 
 
-class Privileged:
+class Privileged(PrivilegedSource):
     channels = ("road",)
     needs_frame = False
     needs_truth = True
@@ -49,7 +49,7 @@ class Privileged:
 def lacking(name, kind=Mine):
     """A source without one of its attributes."""
     body = {key: value for key, value in vars(kind).items() if key not in (name, "__dict__")}
-    return type("Lacking", (), body)()
+    return type("Lacking", kind.__bases__, body)()
 
 
 def having(channels):
