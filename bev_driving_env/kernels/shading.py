@@ -29,7 +29,7 @@ MOST_SAMPLES = 5
 """Ground rows near the horizon are the mean of up to this many rows in between."""
 SHARP_GRAIN_M, SHARP_STAINS_M = 0.08, 0.6
 """A pixel may cover this much ground along the view before grain, and stains, average out."""
-LEVEL_SHARE, PIECE_PX = 0.3, 32
+LEVEL_SHARE, PIECE_PX = 0.3, 60
 """A row along which the depth changes by more than this share is painted in pieces so long."""
 BEAM_REACH_M = 10.0
 
