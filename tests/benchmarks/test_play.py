@@ -97,7 +97,9 @@ def test_a_person_drives_and_quits(keys, capsys):
     np.testing.assert_allclose(gas, 0.4, rtol=1e-6)
     assert steering[0] == steering[1] == 0.0
     assert steering[2] < 0.0
-    assert capsys.readouterr().err == ""
+    # nothing but, in a fresh checkout, that kernels are being compiled
+    said = capsys.readouterr().err.splitlines()
+    assert [line for line in said if not line.startswith("BEVTown: compiling")] == []
     assert not pygame.display.get_init()
 
 
