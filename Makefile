@@ -24,10 +24,10 @@ types: $(VENV)/.tools
 	$(BIN)/mypy
 
 unit: $(VENV)/.tools
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n 2
 
 oldest: $(VENV)-oldest/.installed  ## The environment's tests with the oldest supported Gymnasium
-	$(VENV)-oldest/bin/python -m pytest -q tests/bev_driving_env tests/agents
+	$(VENV)-oldest/bin/python -m pytest -q -n 2 tests/bev_driving_env tests/agents
 
 speed: $(VENV)/.installed  ## Steps per second beside highway-env, in one run
 	$(BIN)/bev-bench speed --out runs/speed.json
@@ -53,7 +53,7 @@ $(VENV)-oldest/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)-oldest
 	grep -v '^gymnasium==' constraints.txt > $(VENV)-oldest/constraints.txt
 	$(VENV)-oldest/bin/python -m pip install --quiet --disable-pip-version-check \
-		-c $(VENV)-oldest/constraints.txt 'gymnasium==1.2.0' 'pytest>=8' 'hypothesis>=6.100' -e .
+		-c $(VENV)-oldest/constraints.txt 'gymnasium==1.2.0' 'pytest>=8' 'pytest-xdist>=3' 'hypothesis>=6.100' -e .
 	@touch $@
 
 clean:  ## Remove virtual environments, caches and results
