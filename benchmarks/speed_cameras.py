@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from bev_driving_env.cameras.rig import CAMERA_SIZE, PAPER_CAMERA_SIZE
+from bev_driving_env.cameras.rig import CAMERA_SIZE, PAPER_CAMERA_SIZE, ground_points
 from bev_driving_env.env import BEVTownEnv
-from bev_driving_env.frames import ego_axes
+from bev_driving_env.frames import world_from_ego
 from bev_driving_env.towns.ground import CODE_MATERIALS
 
 from .speed_figure import Figure
@@ -129,17 +129,19 @@ def ground_image(env: BEVTownEnv) -> Images:
 def homography(env: BEVTownEnv, camera: int) -> NDArray[np.float64]:
     """From the pixels of a camera to those of the ground image (3, 3), for level ground."""
     rig, grid = env.sensors.settings.rig, env.world.town.ground.grid
-    matrix = rig.extrinsics()[camera].astype(np.float64)
-    inverse = np.linalg.inv(rig.intrinsics()[camera].astype(np.float64))
-    rays = matrix[:3, :3].T @ inverse
-    center = -matrix[:3, :3].T @ matrix[:3, 3]
-    ego = np.array(
-        [center[0] * rays[2] - center[2] * rays[0], center[1] * rays[2] - center[2] * rays[1]]
-    )
-    x, y, heading = env.ego_pose
-    axes = np.column_stack(ego_axes(heading))
-    world = axes @ ego + np.outer([x - grid.x0_m, y - grid.y0_m], rays[2])
-    return np.vstack([world * grid.px_per_m, rays[2:]])
+    height, width = rig.size
+    # four pixels below the horizon fix it
+    corners = [
+        (0, height - 1),
+        (width - 1, height - 1),
+        (width - 1, 0.7 * height),
+        (0, 0.7 * height),
+    ]
+    pixels = np.array(corners, np.float64)
+    seen = ground_points(rig.intrinsics()[camera], rig.extrinsics()[camera], pixels)
+    texels = (world_from_ego(env.ego_pose, seen) - (grid.x0_m, grid.y0_m)) * grid.px_per_m
+    matrix = cv2.getPerspectiveTransform(pixels.astype(np.float32), texels.astype(np.float32))
+    return np.asarray(matrix, np.float64)
 
 
 def warp(texture: Images, matrix: NDArray[np.float64], size: tuple[int, int]) -> Images:

@@ -259,9 +259,9 @@ class BEVTownEnv(gym.Env[Any, Any]):
         observation: Observation = {}
         if self.settings.cameras:
             assert frame is not None
-            # copies: what a source does to its frame must not reach the policy
-            observation["cameras"] = frame.images.copy()
-            observation["route_map"] = frame.route_map.copy()
+            # a copy if a source gets the frame: what it does to it must not reach the policy
+            seen = frame.copy() if self.policy_view.needs_frame else frame
+            observation["cameras"], observation["route_map"] = seen.images, seen.route_map
         observation["bev"] = self._policy_bev(frame) if bev is None else bev
         observation["measurements"] = self.sensors.measurements()[0]
         return observation

@@ -32,6 +32,8 @@ class Sensors:
         self.world = world
         self.settings = settings
         self._window = bev_window(world.config.bev)
+        self._intrinsics = settings.rig.intrinsics()
+        self._extrinsics = settings.rig.extrinsics()
 
     @functools.cached_property
     def cameras(self) -> CameraRenderer:
@@ -87,8 +89,8 @@ class Sensors:
         return {
             n: SensorFrame(
                 images=self.images(n),
-                intrinsics=self.settings.rig.intrinsics(),
-                extrinsics=self.settings.rig.extrinsics(),
+                intrinsics=self._intrinsics.copy(),
+                extrinsics=self._extrinsics.copy(),
                 route_map=maps[n].copy(),
                 measurements=measurements[n].copy(),
             )

@@ -1,5 +1,9 @@
 """Towns that several test files drive in."""
 
+import os
+import subprocess
+import sys
+
 import pytest
 
 from bev_driving_env.towns.build import build_grid_town
@@ -44,3 +48,21 @@ def ladder():
         corners="A1 9  C1 9  C2 9  A2 9",
     )
     return compile_network("ladder", build_grid_town(table))
+
+
+@pytest.fixture(scope="session")
+def printed_elsewhere():
+    """Runs a file as a script in a process with other hashes; returns the words it prints."""
+
+    def run(path):
+        done = subprocess.run(
+            [sys.executable, path],
+            capture_output=True,
+            text=True,
+            env={**os.environ, "PYTHONHASHSEED": "5"},
+            timeout=120,
+            check=True,
+        )
+        return done.stdout.split()
+
+    return run

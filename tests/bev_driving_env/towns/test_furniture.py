@@ -1,9 +1,6 @@
 import hashlib
 import itertools
 import math
-import os
-import subprocess
-import sys
 from collections import Counter, defaultdict
 
 import cv2
@@ -126,16 +123,8 @@ def digests():
     return seen
 
 
-def test_furniture_is_the_same_in_every_process():
-    done = subprocess.run(
-        [sys.executable, __file__],
-        capture_output=True,
-        text=True,
-        env={**os.environ, "PYTHONHASHSEED": "5"},
-        timeout=120,
-        check=True,
-    )
-    assert done.stdout.split() == digests()
+def test_furniture_is_the_same_in_every_process(printed_elsewhere):
+    assert printed_elsewhere(__file__) == digests()
 
 
 def test_furnishing_again_gives_the_same(furnished):
