@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +17,9 @@ LINE_M = 0.45
 """Lines are thinner than this."""
 CONTRAST, NOISE = 0.05, 3.0
 """Least logarithm of their brightness over what is beside them: so much, and so many medians."""
-WITHIN_M = 22.0
-"""Farther away, pictures are too blurred for lines."""
+RINGS_M = (0.0, 7.0, 12.0, 22.0)
+"""Near by, the grain of the asphalt is seen, so each ring has a noise of its own. Farther away than
+the last, pictures are too blurred for lines."""
 VOTES = 12
 SHORTEST_M, LONGEST_GAP_M = 4.0, 5.0
 _YELLOW = np.array([[0.5, 0.5, 0.0]])
@@ -34,7 +37,10 @@ class LineFinder:
     def __init__(self, geometry: BEVGeometry, view: GroundView) -> None:
         self._px_per_m = geometry.px_per_m
         x, y = cell_centres(geometry)
-        self._sharp = (view.seen & (np.hypot(x, y) < WITHIN_M)).view(np.uint8)
+        away = np.hypot(x, y)
+        self._rings = [
+            view.seen & (away >= near) & (away < far) for near, far in itertools.pairwise(RINGS_M)
+        ]
         side = 2 * max(1, round(LINE_M * geometry.px_per_m)) + 1
         self._beside = np.ones((side, side), np.uint8)
 
@@ -49,15 +55,17 @@ class LineFinder:
             (size, size) of 0 and 1; all 0 where there is no road.
         """
         lines = np.zeros_like(road)
-        places = (road & self._sharp) > 0
         bright = cv2.LUT(cv2.transform(rgb, _YELLOW), LOG)
         ridge = np.asarray(cv2.morphologyEx(bright, cv2.MORPH_TOPHAT, self._beside), np.float32)
-        values = ridge[places][::8]
-        if not len(values):
-            return lines
-        least = CONTRAST + NOISE * float(median(values))
+        points = np.zeros_like(road)
+        for ring in self._rings:
+            places = ring & (road > 0)
+            values = ridge[places][::8]
+            if len(values):
+                least = CONTRAST + NOISE * float(median(values))
+                points |= ((ridge > least) & places).view(np.uint8)
         found = cv2.HoughLinesP(
-            ((ridge > least) & places).view(np.uint8),
+            points,
             rho=1.0,
             theta=np.pi / 180.0,
             threshold=VOTES,
