@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bev_driving_env.env import BEVTownEnv
+from bev_driving_env.kernels.idm import idm_free
 from bev_driving_env.kernels.layout import SPEED
 from bev_driving_env.kernels.progress import route_pose
 from bev_driving_env.towns.route import Route
@@ -23,7 +24,9 @@ class Expert:
 
     Steering: the centre of a kinematic bicycle moves along heading + slip, so the slip is set to
     point at the route a short way ahead (pure pursuit of the velocity, not of the body). Speed:
-    a profile planned from curvature, tracked with a proportional law.
+    a profile planned from curvature, tracked with a proportional law; in traffic no faster than
+    the Intelligent Driver Model allows behind leaders, before stop lines, junctions that are not
+    free, and crossings with people on them.
 
     Args:
         env: A ``BEVTownEnv``, wrapped or not.
@@ -82,5 +85,9 @@ class Expert:
         """Acceleration command that tracks the planned speed half a second ahead."""
         where = (position_m + 0.5 * speed_mps) / route.spacing_m
         wanted = float(np.interp(where, np.arange(len(self._speed)), self._speed))
-        limit = self.env.world.config.vehicle.max_acceleration_mps2
-        return min(max((wanted - speed_mps) / 0.5 / limit, -1.0), 0.5)
+        config = self.env.world.config
+        acceleration = (wanted - speed_mps) / 0.5
+        if config.traffic.moves:
+            free = idm_free(speed_mps, config.cruise_speed_mps)
+            acceleration = min(acceleration, free - self.env.world.allowance(0))
+        return min(max(acceleration / config.vehicle.max_acceleration_mps2, -1.0), 0.5)

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Sequence
 from typing import NoReturn
 
-from . import play_command, run_command, speed_command
+from . import play_command, run_command, speed_command, traffic_command
 from .errors import UsageError
 
 
@@ -30,6 +30,7 @@ def build_parser() -> argparse.ArgumentParser:
     run_command.add_parser(verbs)
     play_command.add_parser(verbs)
     speed_command.add_parser(verbs)
+    traffic_command.add_parser(verbs)
     return parser
 
 

@@ -17,7 +17,8 @@ from agents import Agent, make_agent
 from bev_driving_env.env import BEVTownEnv
 from bev_driving_env.info import episode_summary
 
-from .suites import Job
+from .driving_score import count_infractions, driving_score, infraction_penalty
+from .suites import Conditions, Job
 from .video import VideoWriter
 
 
@@ -42,6 +43,9 @@ class EpisodeResult:
         error: Its traceback. If not empty, the episode counts as not completed, with the metres
             driven so far.
         trajectory: World x, y at reset and after each step, to the centimetre.
+        events: All infractions in order, each a dict with the fields of ``InfractionEvent``.
+        travelled_m: Metres driven, on the route or not.
+        outside_m: How many of them were off the road or against the lane's direction.
     """
 
     job: Job
@@ -59,11 +63,39 @@ class EpisodeResult:
     failure: str
     error: str
     trajectory: tuple[tuple[float, float], ...]
+    events: tuple[dict[str, Any], ...]
+    travelled_m: float
+    outside_m: float
 
     @property
     def clean(self) -> bool:
         """Whether the route was completed without an infraction."""
         return self.success and not self.infractions
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How often each kind of infraction occurred by the ego's fault."""
+        return count_infractions(self.events)
+
+    @property
+    def route_fraction(self) -> float:
+        """Share of the route that was completed; all of it if the episode succeeded."""
+        if self.success:
+            return 1.0
+        return min(self.driven_m / self.planned_m, 1.0) if self.planned_m > 0.0 else 0.0
+
+    @property
+    def outside_fraction(self) -> float:
+        """Share of the driven metres that were off the road or against the lane's direction."""
+        return min(self.outside_m / self.travelled_m, 1.0) if self.travelled_m > 0.0 else 0.0
+
+    def penalty(self, version: str = "2.1") -> float:
+        """What infractions leave of the route completion, 0 to 1."""
+        return infraction_penalty(self.events, version, self.outside_fraction)
+
+    def driving_score(self, version: str = "2.1") -> float:
+        """The CARLA Leaderboard's driving score, 0 to 100."""
+        return driving_score(self.route_fraction, self.events, version, self.outside_fraction)
 
     def as_dict(self) -> dict[str, Any]:
         """JSON-ready fields."""
@@ -77,9 +109,10 @@ class EpisodeResult:
         return cls(
             **{
                 **known,
-                "job": Job(**row["job"]),
+                "job": Job.from_dict(row["job"]),
                 "infraction_pose": None if pose is None else tuple(pose),
                 "trajectory": tuple((x, y) for x, y in row["trajectory"]),
+                "events": tuple(row["events"]),
             }
         )
 
@@ -91,7 +124,7 @@ def drive(job: Job, video: Path | None = None) -> EpisodeResult:
         job: What to drive.
         video: MP4 file to write, or None.
     """
-    env = _env(job.town, job.bev, job.appearance)
+    env = _env(job.town, job.bev, job.appearance, job.conditions)
     world = env.world
     trajectory: list[tuple[float, float]] = []
     error = failure = ""
@@ -129,6 +162,9 @@ def drive(job: Job, video: Path | None = None) -> EpisodeResult:
         failure=failure,
         error=error,
         trajectory=tuple((x, y) for x, y in np.round(trajectory, 2).tolist()),
+        events=tuple(events),
+        travelled_m=summary["travelled_m"],
+        outside_m=summary["outside_m"],
     )
 
 
@@ -146,7 +182,12 @@ def _drive_steps(env: BEVTownEnv, job: Job) -> Iterator[None]:
 
 
 @functools.lru_cache(maxsize=4)
-def _env(town: str, bev: str, appearance: str) -> BEVTownEnv:
-    env = gym.make(f"bev_driving_env:BEV{town}-v0", bev_source=bev, appearance=appearance)
+def _env(town: str, bev: str, appearance: str, conditions: Conditions) -> BEVTownEnv:
+    env = gym.make(
+        f"bev_driving_env:BEV{town}-v0",
+        bev_source=bev,
+        appearance=appearance,
+        **conditions.keywords,
+    )
     assert isinstance(env.unwrapped, BEVTownEnv)
     return env.unwrapped

@@ -41,8 +41,8 @@ def draw_trajectories(
 ) -> NDArray[np.uint8]:
     """Draw every driven trajectory of one town.
 
-    Black dots are starts, white dots are completed ends, arrows show place and heading of the
-    infraction that ended an episode; numbers name the episodes.
+    Black dots are starts, white dots are completed ends, arrows show place and heading of
+    infractions, whether they ended the episode or not; numbers name the episodes.
 
     Args:
         town: Name of the town.
@@ -64,10 +64,10 @@ def draw_trajectories(
     labelled = len({row.job.index for row in rows}) <= MOST_LABELS
     for row in rows:
         colour = colours[(row.job.bev, row.job.agent)]
-        if row.clean:
+        for event in row.events:
+            town_map.arrow((event["x"], event["y"], event["heading"]), colour)
+        if row.success:
             town_map.dot(row.trajectory[-1], WHITE, 5.0)
-        elif row.infraction_pose is not None:
-            town_map.arrow(row.infraction_pose, colour)
     for row in rows:
         town_map.dot(row.trajectory[0], BLACK, 5.0)
     if labelled:

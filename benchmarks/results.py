@@ -1,4 +1,4 @@
-"""Results of a run: the paper's table, JSON and CSV."""
+"""Results of a run: scores, JSON and CSV."""
 
 from __future__ import annotations
 
@@ -7,9 +7,14 @@ import io
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from statistics import fmean
 from typing import Any
 
 from .drive import EpisodeResult
+from .driving_score import count_infractions
+
+KINDS = tuple(count_infractions(()))
+"""Names of the infractions, in the order of their columns."""
 
 COLUMNS = (
     "town",
@@ -32,7 +37,18 @@ COLUMNS = (
     "time_s",
     "episode_return",
     "failure",
+    "traffic",
+    "traffic_lights",
+    "travelled_m",
+    "outside_m",
+    "driving_score_1_0",
+    "driving_score_2_1",
+    *KINDS,
 )
+"""Of a row. Those named as infractions count them by the ego's fault, ``infractions`` all."""
+
+SHORTEST_KM = 0.001
+"""Infractions per km are over at least so much, as in the Leaderboard's own statistics."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +65,15 @@ class Score:
         route_m: Driven metres of all episodes, mean over seeds.
         infracted: Episodes with an infraction.
         clean: Episodes completed without one.
+        driving_score_1_0: Driving score of version 1.0 of the Leaderboard, mean over episodes.
+        driving_score_2_1: Likewise of version 2.1.
+        route_completion_pct: Completed share of the routes in percent, mean over episodes.
+        penalty_2_1: Infraction penalty of version 2.1, mean over episodes.
+        travelled_km: Driven kilometres of all episodes and seeds, on the route or not.
+        outside_pct: Percentage of them off the road or against the lane's direction.
+        infractions: Number of infractions by kind, over all episodes, by the ego's fault.
+        infractions_per_km: The same per kilometre driven.
+        timeouts: Episodes that the time limit ended.
     """
 
     bev: str
@@ -60,6 +85,15 @@ class Score:
     route_m: float
     infracted: int
     clean: int
+    driving_score_1_0: float
+    driving_score_2_1: float
+    route_completion_pct: float
+    penalty_2_1: float
+    travelled_km: float
+    outside_pct: float
+    infractions: dict[str, int]
+    infractions_per_km: dict[str, float]
+    timeouts: int
 
 
 def score(results: Sequence[EpisodeResult]) -> list[Score]:
@@ -68,67 +102,60 @@ def score(results: Sequence[EpisodeResult]) -> list[Score]:
     for result in results:
         job = result.job
         groups.setdefault((job.bev, job.agent, job.town), []).append(result)
-    scores = []
-    for (bev, agent, town), rows in groups.items():
-        seeds = len({row.job.seed for row in rows})
-        scores.append(
-            Score(
-                bev=bev,
-                agent=agent,
-                town=town,
-                episodes=len(rows),
-                seeds=seeds,
-                planned_m=sum(row.planned_m for row in rows) / seeds,
-                route_m=sum(row.driven_m for row in rows) / seeds,
-                infracted=sum(row.infractions > 0 for row in rows),
-                clean=sum(row.clean for row in rows),
-            )
-        )
-    return scores
+    return [_score(bev, agent, town, rows) for (bev, agent, town), rows in groups.items()]
 
 
-def table(scores: Sequence[Score]) -> str:
-    """The paper's table as Markdown: route metres and infractions per town, a row a source."""
-    towns = list(dict.fromkeys(entry.town for entry in scores))
-    drivers = list(dict.fromkeys((entry.bev, entry.agent) for entry in scores))
-    header = ["BEV source", "Agent"]
-    for town in towns:
-        header += [f"{town} route (m)", "Infrac.", "Clean"]
-    planned = {entry.town: entry.planned_m for entry in scores}
-    rows = [["*planned*", ""]]
-    for town in towns:
-        rows[0] += [f"*{planned[town]:.0f}*", "", ""]
-    by_key = {(entry.bev, entry.agent, entry.town): entry for entry in scores}
-    for bev, agent in drivers:
-        row = [bev, agent]
-        for town in towns:
-            entry = by_key.get((bev, agent, town))
-            row += _cells(entry) if entry else ["", "", ""]
-        rows.append(row)
-    return markdown(header, rows)
+def _score(bev: str, agent: str, town: str, rows: Sequence[EpisodeResult]) -> Score:
+    """Sum up the episodes of one source and agent in one town."""
+    seeds = len({row.job.seed for row in rows})
+    counts = count_infractions(event for row in rows for event in row.events)
+    travelled_km = sum(row.travelled_m for row in rows) / 1000.0
+    outside_km = sum(row.outside_m for row in rows) / 1000.0
+    return Score(
+        bev=bev,
+        agent=agent,
+        town=town,
+        episodes=len(rows),
+        seeds=seeds,
+        planned_m=sum(row.planned_m for row in rows) / seeds,
+        route_m=sum(row.driven_m for row in rows) / seeds,
+        infracted=sum(row.infractions > 0 for row in rows),
+        clean=sum(row.clean for row in rows),
+        driving_score_1_0=fmean(row.driving_score("1.0") for row in rows),
+        driving_score_2_1=fmean(row.driving_score("2.1") for row in rows),
+        route_completion_pct=100.0 * fmean(row.route_fraction for row in rows),
+        penalty_2_1=fmean(row.penalty("2.1") for row in rows),
+        travelled_km=travelled_km,
+        outside_pct=100.0 * outside_km / max(travelled_km, SHORTEST_KM),
+        infractions=counts,
+        infractions_per_km={
+            name: count / max(travelled_km, SHORTEST_KM) for name, count in counts.items()
+        },
+        timeouts=sum(row.truncated for row in rows),
+    )
 
 
-def _cells(entry: Score) -> list[str]:
-    return [
-        f"{entry.route_m:.0f}",
-        f"{entry.infracted}/{entry.episodes}",
-        f"{entry.clean}/{entry.episodes}",
-    ]
+def markdown(header: Sequence[str], rows: Sequence[Sequence[str]], text_columns: int = 2) -> str:
+    """A Markdown table with aligned columns.
 
-
-def markdown(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A Markdown table with aligned columns: the first two to the left, figures to the right."""
+    Args:
+        header: Cells of the header.
+        rows: Cells of each row, as many as in the header.
+        text_columns: How many columns, from the first, are aligned to the left; figures in the
+            others are aligned to the right.
+    """
     widths = [max(len(line[k]) for line in (header, *rows)) for k in range(len(header))]
     lines = []
     for line in (header, None, *rows):
         if line is None:
             marks = [
-                "-" * width if k < 2 else "-" * (width - 1) + ":" for k, width in enumerate(widths)
+                "-" * width if k < text_columns else "-" * (width - 1) + ":"
+                for k, width in enumerate(widths)
             ]
             lines.append("| " + " | ".join(marks) + " |")
         else:
             cells = [
-                cell.ljust(width) if k < 2 else cell.rjust(width)
+                cell.ljust(width) if k < text_columns else cell.rjust(width)
                 for k, (cell, width) in enumerate(zip(line, widths, strict=True))
             ]
             lines.append("| " + " | ".join(cells) + " |")
@@ -140,7 +167,10 @@ def as_json(results: Sequence[EpisodeResult], note: dict[str, Any]) -> dict[str,
     return {
         "provenance": note,
         "scores": [asdict(entry) for entry in score(results)],
-        "episodes": [{**_row(result), "error": result.error} for result in results],
+        "episodes": [
+            {**_row(result), "error": result.error, "events": list(result.events)}
+            for result in results
+        ],
     }
 
 
@@ -160,7 +190,16 @@ def as_csv(results: Sequence[EpisodeResult], note: dict[str, Any]) -> str:
 def _row(result: EpisodeResult) -> dict[str, Any]:
     """One episode as flat columns."""
     x, y, _ = result.infraction_pose or (None, None, None)
-    values = {**result.job.as_dict(), **result.as_dict(), "infraction_x": x, "infraction_y": y}
+    values = {
+        **result.job.as_dict(),
+        **vars(result.job.conditions),
+        **result.as_dict(),
+        "infraction_x": x,
+        "infraction_y": y,
+        "driving_score_1_0": result.driving_score("1.0"),
+        "driving_score_2_1": result.driving_score("2.1"),
+        **result.counts,
+    }
     return {
         column: round(value, 3) if isinstance(value := values[column], float) else value
         for column in COLUMNS

@@ -23,9 +23,10 @@ from .drive import EpisodeResult
 from .errors import UsageError
 from .maps import draw_trajectories, png_bytes
 from .provenance import file_hash, git_commit, provenance
-from .results import as_csv, as_json, score, table
+from .results import as_csv, as_json, score
 from .runner import claim_folder, run_jobs
-from .suites import SUITES, jobs_of
+from .suites import SUITES, TRAFFIC, Suite, jobs_of
+from .tables import leaderboard_table, table
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ class RunOptions:
         workers: Processes.
         overwrite: Discard what the output folder holds.
         video: Whether to write a video of each episode.
+        traffic: Traffic instead of the suite's own; None for the suite's own.
     """
 
     suite: str
@@ -53,8 +55,10 @@ class RunOptions:
     workers: int
     overwrite: bool
     video: bool
+    traffic: str | None = None
 
     def __post_init__(self) -> None:
+        SUITES[self.suite].with_traffic(self.traffic)
         for value in self.town:
             if value not in town_names():
                 known = ", ".join(town_names())
@@ -65,10 +69,16 @@ class RunOptions:
             raise ValueError(f"--seed must be at least 0, got {min(self.seed)}")
 
     @property
+    def driven_suite(self) -> Suite:
+        """The suite, with the traffic that was asked for."""
+        return SUITES[self.suite].with_traffic(self.traffic)
+
+    @property
     def identity(self) -> dict[str, Any]:
         """What makes two runs the same, so that one may resume the other."""
         return {
             "suite": self.suite,
+            "traffic": self.driven_suite.conditions.traffic,
             "bev": list(self.bev),
             "agent": list(self.agent),
             "town": list(self.town),
@@ -83,7 +93,7 @@ def add_parser(verbs: Any) -> None:
     suites = "\n".join(f"  {suite.name:12s}{suite.summary}" for suite in SUITES.values())
     parser = verbs.add_parser(
         "run",
-        help="drive a suite and print the paper's table",
+        help="drive a suite and print its table",
         description="Drive every episode of a suite and write the results: table.md, results.json, "
         "episodes.csv, map_<town>.png. A run that was interrupted resumes.",
         epilog=f"suites:\n{suites}",
@@ -103,6 +113,11 @@ def add_parser(verbs: Any) -> None:
     )
     parser.add_argument(
         "--town", nargs="+", default=["Town01", "Town02"], metavar="TOWN", help="default: both"
+    )
+    parser.add_argument(
+        "--traffic",
+        choices=TRAFFIC,
+        help="other road users, for suites that have some; default: the suite's own (light)",
     )
     parser.add_argument("--seed", nargs="+", type=int, default=[0], metavar="N", help="default: 0")
     parser.add_argument("--out", type=Path, required=True, help="folder for the results")
@@ -138,13 +153,13 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
             workers=namespace.workers,
             overwrite=namespace.overwrite,
             video=namespace.video,
+            traffic=namespace.traffic,
         )
-        jobs = list(
-            jobs_of(SUITES[options.suite], options.town, options.bev, options.agent, options.seed)
-        )
+        suite = options.driven_suite
+        jobs = list(jobs_of(suite, options.town, options.bev, options.agent, options.seed))
         # fails here, in one line, rather than in every episode; and compiles before workers start
         for source in options.bev:
-            env = BEVTownEnv(options.town[0], bev_source=source)
+            env = BEVTownEnv(options.town[0], bev_source=source, **suite.conditions.keywords)
         for spec in options.agent:
             make_agent(spec, env)
     except ValueError as error:
@@ -185,11 +200,19 @@ def _discard(out: Path) -> None:
 def _write(options: RunOptions, results: Sequence[EpisodeResult], note: dict[str, Any]) -> None:
     write_json(options.out / "results.json", as_json(results, note))
     write_text(options.out / "episodes.csv", as_csv(results, note))
-    lines = [table(score(results)), "", f"Suite `{options.suite}`. {_footnote(note)}", ""]
+    suite = options.driven_suite
+    traffic = f", traffic `{suite.conditions.traffic}`" if suite.leaderboard else ""
+    lines = [_table(suite, results), "", f"Suite `{suite.name}`{traffic}. {_footnote(note)}", ""]
     write_text(options.out / "table.md", "\n".join(lines))
     for town in options.town:
         image = draw_trajectories(town, results)
         write_bytes(options.out / f"map_{town}.png", png_bytes(image, note))
+
+
+def _table(suite: Suite, results: Sequence[EpisodeResult]) -> str:
+    """The table that belongs to a suite."""
+    scores = score(results)
+    return leaderboard_table(scores) if suite.leaderboard else table(scores)
 
 
 def _footnote(note: dict[str, Any]) -> str:
@@ -200,7 +223,7 @@ def _footnote(note: dict[str, Any]) -> str:
 
 
 def _report(options: RunOptions, results: Sequence[EpisodeResult]) -> int:
-    print(table(score(results)))
+    print(_table(options.driven_suite, results))
     failed = [result for result in results if result.error]
     # one of each driver and source: the others of it mostly fail alike
     first = {(result.job.agent, result.job.bev): result for result in reversed(failed)}

@@ -8,7 +8,7 @@ import sys
 import tempfile
 import time
 import tracemalloc
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from statistics import median
 from typing import Any
 
@@ -16,14 +16,14 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from . import speed_cameras
+from . import speed_cameras, speed_traffic
 from .speed_figure import Figure
+from .speed_steps import Timing, env_steps, highway_steps, recorded_actions
 
-Timing = Callable[[int], float]
-"""Does something a number of times and returns the mean seconds it took."""
 ENV_ID = "bev_driving_env:BEVTown01-v0"
 WORLDS = 64
-HIGHWAY_CONFIG: dict[str, Any] = {
+EPISODE = {"episode": 1}
+INTERSECTION: dict[str, Any] = {
     "observation": {
         "type": "GrayscaleObservation",
         "observation_shape": (192, 192),
@@ -52,12 +52,12 @@ def measure_steps(rounds: int, seconds: float, seed: int) -> dict[str, list[floa
         Seconds per step and world for ``single``, ``vector`` (64 worlds) and ``highway``, and
         seconds per ``copy`` of an observation; a list of ``rounds`` values each.
     """
-    actions = _recorded_actions()
+    actions = recorded_actions(gym.make(ENV_ID), EPISODE)
     tiled = [np.tile(action, (WORLDS, 1)) for action in actions]
     calls: dict[str, Timing] = {
-        "single": _bevtown(gym.make(ENV_ID), actions),
-        "vector": _bevtown(gym.make_vec(ENV_ID, num_envs=WORLDS), tiled),
-        "highway": _highway(seed),
+        "single": env_steps(gym.make(ENV_ID), actions, EPISODE),
+        "vector": env_steps(gym.make_vec(ENV_ID, num_envs=WORLDS), tiled, EPISODE),
+        "highway": highway_steps("intersection-v2", INTERSECTION, seed),
         "copy": _copy(),
     }
     batch = {"single": 1, "vector": WORLDS, "highway": 1, "copy": 1}
@@ -67,60 +67,6 @@ def measure_steps(rounds: int, seconds: float, seed: int) -> dict[str, list[floa
         for name, call in calls.items():
             times[name].append(call(repeats[name]) / batch[name])
     return times
-
-
-def _recorded_actions() -> list[np.ndarray[Any, Any]]:
-    """The expert's actions on evaluation episode 1."""
-    from agents import Expert
-
-    env = gym.make(ENV_ID)
-    observation, _ = env.reset(seed=0, options={"episode": 1})
-    expert, actions, ended = Expert(env), [], False
-    while not ended:
-        actions.append(expert.act(observation))
-        observation, _, terminated, truncated, _ = env.step(actions[-1])
-        ended = terminated or truncated
-    # without the last steps, so that the episode never ends while it is timed
-    return actions[:-5]
-
-
-def _bevtown(
-    env: gym.Env[Any, Any] | gym.vector.VectorEnv[Any, Any, Any], actions: Sequence[Any]
-) -> Timing:
-    """Times steps along evaluation episode 1, resetting (untimed) before it ends."""
-    position = len(actions)
-
-    def run(steps: int) -> float:
-        nonlocal position
-        taken = 0.0
-        for _ in range(steps):
-            if position == len(actions):
-                env.reset(options={"episode": 1})
-                position = 0
-            start = time.perf_counter()
-            env.step(actions[position])
-            taken += time.perf_counter() - start
-            position += 1
-        return taken / steps
-
-    return run
-
-
-def _highway(seed: int) -> Timing:
-    env = gym.make("highway_env:intersection-v2", config=HIGHWAY_CONFIG)
-    env.reset(seed=seed)
-
-    def run(steps: int) -> float:
-        taken = 0.0
-        for _ in range(steps):
-            start = time.perf_counter()
-            _, _, terminated, truncated, _ = env.step(1)
-            taken += time.perf_counter() - start
-            if terminated or truncated:
-                env.reset()
-        return taken / steps
-
-    return run
 
 
 def _copy() -> Timing:
@@ -233,5 +179,6 @@ def figures(rounds: int, seconds: float, seed: int = 0) -> list[Figure]:
             "under 0.5",
             first["import"] < 0.5,
         ),
+        *speed_traffic.figures(rounds, seconds, seed),
         *speed_cameras.figures(rounds, seconds),
     ]

@@ -4,14 +4,53 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from bev_driving_env.towns.registry import compiled_town, route_book
 
 LOOKS = {"Town01": "train", "Town02": "test"}
 """The paper's protocol: Town01 is seen, Town02 is held out, in place and in looks."""
+
+TRAFFIC = ("none", "light", "dense")
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Keywords of the environment that a suite drives with.
+
+    Attributes:
+        traffic: Other road users, one of ``TRAFFIC``.
+        traffic_lights: Working signals.
+        terminate_on: Infractions that end an episode; None for all.
+        rules: Infraction thresholds that are not the environment's own, as (field, value) pairs.
+        time_limit_s: Simulated seconds until truncation; None for the environment's own.
+    """
+
+    traffic: str = "none"
+    traffic_lights: bool = False
+    terminate_on: tuple[str, ...] | None = None
+    rules: tuple[tuple[str, float], ...] = ()
+    time_limit_s: float | None = None
+
+    @property
+    def keywords(self) -> dict[str, Any]:
+        """Keyword arguments of the environment."""
+        return {**vars(self), "rules": dict(self.rules)}
+
+    @classmethod
+    def from_dict(cls, row: Mapping[str, Any]) -> Conditions:
+        """Inverse of ``dataclasses.asdict``, also after a round trip through JSON."""
+        names = row["terminate_on"]
+        rules = tuple((name, value) for name, value in row["rules"])
+        return cls(
+            **{
+                **row,
+                "terminate_on": None if names is None else tuple(names),
+                "rules": rules,
+            }
+        )
 
 
 @dataclass(frozen=True)
@@ -22,11 +61,31 @@ class Suite:
         name: Name on the command line.
         routes: Which of a town's fixed routes are driven (suite of its ``RouteBook``).
         summary: One line for ``--help``.
+        conditions: Keywords of the environment.
+        leaderboard: Whether its table is the CARLA Leaderboard's, and not the paper's.
     """
 
     name: str
     routes: str
     summary: str
+    conditions: Conditions = field(default_factory=Conditions)
+    leaderboard: bool = False
+
+    def with_traffic(self, traffic: str | None) -> Suite:
+        """The same suite with other traffic; itself for None.
+
+        Raises:
+            ValueError: The suite drives without traffic.
+        """
+        if traffic is None:
+            return self
+        if self.conditions.traffic == "none":
+            able = [suite.name for suite in SUITES.values() if suite.conditions.traffic != "none"]
+            raise ValueError(
+                f"--traffic {traffic}: suite {self.name!r} has no traffic; "
+                f"leave the option out, or choose a suite that has: {', '.join(able)}"
+            )
+        return replace(self, conditions=replace(self.conditions, traffic=traffic))
 
 
 SUITES = {
@@ -36,6 +95,19 @@ SUITES = {
         Suite("routes", "test", "the 50-route test split of each town, no actors"),
         Suite("routes-val", "val", "the 50-route validation split of each town, no actors"),
         Suite("long", "route", "the ten long routes of each town, no actors"),
+        Suite(
+            "town",
+            "route",
+            "the ten long routes of each town with traffic and signals (driving score)",
+            Conditions(
+                traffic="light",
+                traffic_lights=True,
+                terminate_on=("route_deviation", "blocked"),
+                # the Leaderboard's own thresholds
+                rules=(("deviation_m", 30.0), ("blocked_s", 180.0)),
+            ),
+            leaderboard=True,
+        ),
     )
 }
 
@@ -52,6 +124,7 @@ class Job:
         agent: Agent, as on the command line.
         seed: Seed of the episode.
         appearance: Look of the world.
+        conditions: Further keywords of the environment.
     """
 
     town: str
@@ -61,6 +134,7 @@ class Job:
     agent: str
     seed: int
     appearance: str
+    conditions: Conditions = field(default_factory=Conditions)
 
     @property
     def key(self) -> str:
@@ -80,6 +154,11 @@ class Job:
     def as_dict(self) -> dict[str, Any]:
         """The fields, for results."""
         return asdict(self)
+
+    @classmethod
+    def from_dict(cls, row: Mapping[str, Any]) -> Job:
+        """Inverse of ``as_dict``, also after a round trip through JSON."""
+        return cls(**{**row, "conditions": Conditions.from_dict(row["conditions"])})
 
 
 def jobs_of(
@@ -101,6 +180,8 @@ def jobs_of(
         for agent in agents:
             for seed in seeds:
                 for town in towns:
+                    look = LOOKS.get(town, "train")
                     for index in range(route_book(town).size(suite.routes)):
-                        look = LOOKS.get(town, "train")
-                        yield Job(town, suite.routes, index, bev, agent, seed, look)
+                        yield Job(
+                            town, suite.routes, index, bev, agent, seed, look, suite.conditions
+                        )

@@ -70,9 +70,9 @@ class BEVTownEnv(gym.Env[Any, Any]):
     | 0       | `road`        | paved surface, junctions included, sidewalks not                 |
     | 1       | `route`       | planned lane centre, 3.2 m wide, up to 80 m ahead, nothing behind |
     | 2       | `lane`        | lane boundaries: centre line and both edges, none inside junctions |
-    | 3       | `vehicles`    | other vehicles (none in this version; parked ones are scenery)   |
-    | 4       | `pedestrians` | pedestrians, half extent at least 0.8 m (none in this version)   |
-    | 5       | `lights`      | stop lines whose signal says stop (none in this version)         |
+    | 3       | `vehicles`    | other vehicles' footprints (parked ones are scenery)             |
+    | 4       | `pedestrians` | pedestrians' footprints, half extent at least 0.8 m              |
+    | 5       | `lights`      | stop lines whose signal says stop: yellow or red                 |
 
     That is the ground truth. With another `bev_source`, the policy sees what the source makes of
     the cameras, and nothing else: images of `front`, `left`, `right`, `rear`, nominal intrinsics
@@ -112,19 +112,25 @@ class BEVTownEnv(gym.Env[Any, Any]):
     | `off_road`             | the centre, or a quarter of the footprint, leaves the pavement    |
     | `wrong_lane`           | more than 1 s in a lane against the car's heading, no junction    |
     | `route_deviation`      | more than 3.5 m from the planned lane centre                      |
-    | `collision_vehicle`    | footprints overlap (cannot occur in this version)                 |
-    | `collision_pedestrian` | likewise                                                          |
+    | `collision_vehicle`    | the footprint overlaps another vehicle's                          |
+    | `collision_pedestrian` | the footprint overlaps a pedestrian's                             |
     | `collision_static`     | the footprint overlaps a building, tree, pole or other furniture  |
-    | `red_light`            | the front bumper crosses a stop line at red (likewise)            |
-    | `blocked`              | slower than 0.1 m/s for 30 s                                      |
+    | `red_light`            | the front bumper crosses a stop line while its signal is red      |
+    | `blocked`              | slower than 0.1 m/s for 30 s with nothing to wait for             |
+
+    There is something to wait for where, within 10 m of the front bumper, the other vehicles'
+    rules ask to stop: a leader, a red or yellow signal, a junction that is not free, people on a
+    crossing. Touching the same kind of thing again within 2 s is still the same collision.
 
     ## Info
     Every reset and step: `route_m` (route metres driven), `route_length_m`, `infractions` (names of
     those that began in this step), `success`, `lateral_error_m` (positive to the right),
     `episode_id`; every step also `reward_terms`; at the end also `episode_summary` (but not where
     `gym.make(..., max_episode_steps=n)` cuts an episode from outside): `episode_id`, `route_m`,
-    `route_length_m`, `success`, `truncated`, `steps`, `time_s`, `return`, and `infractions`, a list
-    of dicts with `name`, `time_s`, `x`, `y`, `heading`, `speed_mps`, `route_m`.
+    `route_length_m`, `success`, `truncated`, `steps`, `time_s`, `return`, `travelled_m` (metres
+    driven), `outside_m` (of them off the road or against the lane), and `infractions`, a list of
+    dicts with `name`, `time_s`, `x`, `y`, `heading`, `speed_mps`, `route_m`, `actor` (such as
+    `"vehicle 12"`, or `""`) and `fault` (`"ego"`, `"other"`, or `""` where it cannot be told).
 
     ## Arguments
     ```python
@@ -139,8 +145,8 @@ class BEVTownEnv(gym.Env[Any, Any]):
     | `town`           | from the id      | name of a registered town                             |
     | `render_mode`    | `None`           | `"rgb_array"` or `"human"`: map, BEVs, cameras        |
     | `bev_source`     | `"ground_truth"` | what the policy sees; see below                       |
-    | `traffic`        | `"none"`         | other road users; only `"none"` in this version       |
-    | `traffic_lights` | `False`          | working signals; only `False` in this version         |
+    | `traffic`        | `"none"`         | `"light"`, `"dense"`, or a dict of numbers; see below |
+    | `traffic_lights` | `False`          | working signals at every junction that has them       |
     | `appearance`     | `"train"`        | look of the world: also `"test"`, `"hard"`, or an int |
     | `cameras`        | `False`          | also observe `cameras` and `route_map`                |
     | `camera_size`    | `(112, 240)`     | height, width of images; (224, 480) in the paper      |
@@ -163,6 +169,14 @@ class BEVTownEnv(gym.Env[Any, Any]):
     object, or a dict per channel such as `{"route": "ground_truth", "default": "ipm"}`. Channels
     that a source does not predict are 0.
 
+    `traffic` is `"none"`, `"light"`, `"dense"`, or `{"vehicles": 30, "pedestrians": 20}`. The
+    presets are NoCrash's empty, regular and dense: 20 vehicles and 50 pedestrians, or 100 and 250,
+    in Town01; 15 and 50, or 70 and 150, in Town02; as many per metre of road elsewhere. Vehicles
+    follow the Intelligent Driver Model along the lanes, give way at junctions and stop for
+    signals, people and the ego. Pedestrians walk on the sidewalks and cross at junctions and now
+    and then between them; they step on to the road only where nobody would have to brake hard.
+    With `traffic_lights` one approach of a junction after the other has green for 10 s.
+
     Each episode draws its look from the set `appearance`: `"train"`; `"test"` with other palettes,
     weather and light; `"hard"` with night, fog, low sun, dirty lenses and more to hide behind. An
     int is the seed of one look of `"train"` for all episodes. With `camera_motion` the body
@@ -180,7 +194,7 @@ class BEVTownEnv(gym.Env[Any, Any]):
         BEVSourceError: In `reset` or `step`: a BEV source failed, or returned no BEV.
 
     ## Version History
-    * v0: ground-truth BEV, cameras, BEV sources; no other actors.
+    * v0: ground-truth BEV, cameras, BEV sources, traffic.
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 10}
@@ -194,8 +208,9 @@ class BEVTownEnv(gym.Env[Any, Any]):
             )
         self.render_mode = render_mode
         self.settings = EnvSettings.from_keywords(keywords)
-        config = self.settings.world_config()
-        self.world = World(compiled_town(town), config)
+        compiled = compiled_town(town)
+        config = self.settings.world_config(compiled)
+        self.world = World(compiled, config)
         self.sensors = Sensors(self.world, self.settings.camera_settings())
         self.policy_view = PolicyView(self.settings.bev_source, 1, config.bev)
         self.action_space = action_space()

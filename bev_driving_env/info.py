@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from .kernels.layout import LATERAL, ROUTE_DONE
+from .kernels.layout import LATERAL, OUTSIDE_M, ROUTE_DONE, TRAVELLED_M
 from .world.core import World
 from .world.infractions import names_of
 
@@ -36,8 +36,9 @@ def episode_summary(world: World, n: int) -> dict[str, Any]:
 
     Returns:
         ``episode_id``, ``route_m``, ``route_length_m``, ``success``, ``truncated`` (time limit),
-        ``steps``, ``time_s``, ``return`` and ``infractions``: a list of dicts with the fields of
-        ``InfractionEvent``.
+        ``steps``, ``time_s``, ``return``, ``travelled_m`` (metres driven), ``outside_m`` (metres
+        of them off the road or against the lane) and ``infractions``: a list of dicts with the
+        fields of ``InfractionEvent``.
     """
     state = world.state
     return {
@@ -49,5 +50,7 @@ def episode_summary(world: World, n: int) -> dict[str, Any]:
         "steps": int(state.steps[n]),
         "time_s": float(state.steps[n]) * world.config.step_s,
         "return": float(state.returns[n]),
+        "travelled_m": float(state.travelled[n, TRAVELLED_M]),
+        "outside_m": float(state.travelled[n, OUTSIDE_M]),
         "infractions": [dataclasses.asdict(event) for event in world.events[n]],
     }

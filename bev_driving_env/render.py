@@ -11,7 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .frames import CHANNELS, footprint
-from .kernels.layout import JUNCTION_BIT, LANE_BIT, ROAD_BIT, ROUTE_DONE, SIDEWALK_BIT, SPEED
+from .kernels.layout import (
+    JUNCTION_BIT,
+    LANE_BIT,
+    LENGTH,
+    ROAD_BIT,
+    ROUTE_DONE,
+    SIDEWALK_BIT,
+    SIGNAL_GREEN,
+    SIGNAL_RED,
+    SIGNAL_YELLOW,
+    SPEED,
+    WIDTH,
+)
 from .towns.compiled import CompiledTown
 from .towns.raster import MARGIN_M
 
@@ -31,6 +43,13 @@ BEV_COLOURS: dict[str, Colour] = {
     "pedestrians": (220, 70, 160),
     "lights": (230, 50, 40),
 }
+SIGNAL_COLOURS: dict[int, Colour] = {
+    SIGNAL_GREEN: (40, 200, 80),
+    SIGNAL_YELLOW: (250, 190, 30),
+    SIGNAL_RED: (230, 50, 40),
+}
+ON_MAP = 1.6
+"""Vehicles on the panel's map are drawn this much larger."""
 GROUND: Colour = (226, 232, 218)
 SIDEWALK: Colour = (198, 196, 190)
 ROAD: Colour = (128, 130, 136)
@@ -236,6 +255,7 @@ def _map_panel(world: World, n: int, side: int) -> Image:
     town_map.line(route, BEV_COLOURS["route"], 3)
     if len(route):
         town_map.dot(route[-1, :2], (255, 255, 255), 5.0)
+    _draw_actors(town_map, world, n)
     for event in world.events[n]:
         town_map.dot((event.x, event.y), BEV_COLOURS["lights"], 5.0)
     town_map.arrow(state.ego[n, :3], EGO, 10.0)
@@ -245,6 +265,23 @@ def _map_panel(world: World, n: int, side: int) -> Image:
     top, left = max(0, (side - height) // 2), max(0, (side - width) // 2)
     panel[top : top + height, left : left + width] = town_map.image[:side, :side]
     return panel
+
+
+def _draw_actors(town_map: TownMap, world: World, n: int) -> None:
+    """Signals, pedestrians and vehicles, larger than they are so that they can be seen."""
+    state = world.state
+    for signal, shown in zip(world.town.signals, state.signals[n].tolist(), strict=True):
+        if shown in SIGNAL_COLOURS:
+            colour = SIGNAL_COLOURS[shown]
+            town_map.dot((signal.x, signal.y), colour, 2.0, colour)
+    colour = BEV_COLOURS["pedestrians"]
+    for row in state.pedestrians[n]:
+        if row[LENGTH] > 0.0:
+            town_map.dot(row[:2], colour, 1.2, colour)
+    for row in state.vehicles[n]:
+        if row[LENGTH] > 0.0:
+            box = footprint(row[:3], *(ON_MAP * row[[LENGTH, WIDTH]]))
+            town_map.polygon(box, BEV_COLOURS["vehicles"])
 
 
 def _channels(bev: Image, size: tuple[int, int]) -> Image:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .cameras.look import APPEARANCES
 from .cameras.renderer import CameraSettings
@@ -15,8 +15,10 @@ from .frames import BEVGeometry
 from .sources.policy_view import channel_specs
 from .world.config import RewardWeights, Rules, VehicleModel, WorldConfig
 from .world.infractions import INFRACTIONS
+from .world.traffic import Traffic, check_traffic, traffic_config
 
-TRAFFIC = ("none",)
+if TYPE_CHECKING:
+    from .towns.compiled import CompiledTown
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,7 @@ class EnvSettings:
 
     Attributes:
         bev_source: What the policy sees: a name, checkpoint path or object, or a dict per channel.
-        traffic: Other road users.
+        traffic: Other road users: a preset, or a mapping of numbers.
         traffic_lights: Working signals.
         appearance: Look of the world for the cameras.
         cameras: Whether camera images are observed.
@@ -42,7 +44,7 @@ class EnvSettings:
     """
 
     bev_source: Any = "ground_truth"
-    traffic: str | Mapping[str, int] = "none"
+    traffic: Traffic = "none"
     traffic_lights: bool = False
     appearance: str | int = "train"
     cameras: bool = False
@@ -79,16 +81,9 @@ class EnvSettings:
 
     def __post_init__(self) -> None:
         channel_specs(self.bev_source)
-        if self.traffic not in TRAFFIC:
-            raise ValueError(
-                f"traffic={self.traffic!r} is not available in this version; "
-                f"choose one of: {', '.join(TRAFFIC)}"
-            )
-        if self.traffic_lights is not False:
-            raise ValueError(
-                f"traffic_lights={self.traffic_lights!r} is not available in this version; "
-                f"leave it at False"
-            )
+        check_traffic(self.traffic)
+        if not isinstance(self.traffic_lights, bool):
+            raise ValueError(f"traffic_lights must be True or False, got {self.traffic_lights!r}")
         self._check_cameras()
         require_positive("max_speed_mps", self.max_speed_mps)
         names = self.terminate_on
@@ -120,13 +115,14 @@ class EnvSettings:
             motion=self.camera_motion,
         )
 
-    def world_config(self) -> WorldConfig:
-        """The configuration of the world core that these settings ask for."""
+    def world_config(self, town: CompiledTown) -> WorldConfig:
+        """The configuration of the world core that these settings ask for in a town."""
         return WorldConfig(
             cruise_speed_mps=self.max_speed_mps,
             terminate_on=tuple(INFRACTIONS if self.terminate_on is None else self.terminate_on),
             time_limit_s=self.time_limit_s,
             dense_furniture=self.appearance == "hard",
+            traffic=traffic_config(self.traffic, self.traffic_lights, town),
             vehicle=configured(VehicleModel, self.vehicle),
             rules=configured(Rules, self.rules),
             reward=configured(RewardWeights, self.reward),

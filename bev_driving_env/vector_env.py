@@ -87,8 +87,9 @@ class BEVTownVectorEnv(VectorEnv[Any, Any, Any]):
         self.autoreset_mode = _autoreset_mode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self.autoreset_mode}
         self.settings = EnvSettings.from_keywords(keywords)
-        config = self.settings.world_config()
-        self.world = World(compiled_town(town), config, num_envs)
+        compiled = compiled_town(town)
+        config = self.settings.world_config(compiled)
+        self.world = World(compiled, config, num_envs)
         self.sensors = Sensors(self.world, self.settings.camera_settings())
         self.policy_view = PolicyView(self.settings.bev_source, self.num_envs, config.bev)
         self._max_episode_steps = max_episode_steps

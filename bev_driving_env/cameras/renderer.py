@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 LEAST_BLUR_PX = 0.4
 """Below this standard deviation, a neighbour weighs less than a twentieth."""
-SENSOR_NOISE = 7
-"""Which of the random numbers of an episode's seed shifts the sensor noise."""
+SENSOR_NOISE, ACTOR_LOOKS = 7, 8
+"""Which random numbers of an episode's seed shift the sensor noise and dress the actors."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +137,7 @@ class CameraRenderer:
             state.pedestrians[world],
             state.signals[world],
             optics.sunny,
+            int(mix(seed, ACTOR_LOOKS) >> 1),
             buffers.nearby,
             buffers.skyline,
             buffers.hull,

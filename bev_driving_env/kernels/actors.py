@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import cast
+
+import numpy as np
 
 from . import paints as paint
-from .jit import kernel
+from .jit import leaf_kernel
 from .layout import SIGNAL_GREEN, SIGNAL_RED, SIGNAL_YELLOW
+from .noise import mix
 from .shapes import (
     EMISSIVE,
     FLAT,
@@ -20,25 +24,58 @@ from .shapes import (
     draw_box,
     draw_disc,
     draw_sprite,
+    draw_strip,
 )
 from .view import View
 
 SIGNAL_HEAD_M = 2.9
 """Height of the middle of a signal head."""
-TRUCK_LENGTH_M, BIKE_LENGTH_M = 6.5, 3.0
-DETAIL_M = 45.0
-"""Lamps and wheels are drawn up to this distance."""
+BIKE_LENGTH_M, VAN_LENGTH_M, TRUCK_LENGTH_M = 3.0, 5.1, 6.5
+"""Shorter than the first is a motorbike; from the others on, a van and a truck."""
+VAN_HEIGHT_M, TRUCK_HEIGHT_M = 1.7, 2.6
+"""From these heights on, a vehicle has the shape of a van, or of a truck."""
+DETAIL_M, PERSON_DETAIL_M = 45.0, 25.0
+"""Lamps and wheels, and arms, hair and bags, are drawn up to these distances."""
+STRIDE_M, SWING = 0.82, 0.20
+"""Length of two steps, and how far a foot swings to either side of the hip, by body height."""
+PARKED = cast("bool", np.array([False])[0])
+"""Not braking; of numpy's type, see ``shapes``."""
+PERSON = 1 << 20
+"""Added to the number of a pedestrian, to tell it from a vehicle."""
 
 
-@kernel
+@leaf_kernel
+def actor_variant(looks: int, number: int) -> int:
+    """What decides the paint or the clothes of an actor.
+
+    Args:
+        looks: Random number of the episode.
+        number: Number of the vehicle's row, or ``PERSON`` and that of the pedestrian's.
+
+    Returns:
+        A random number from 0 to 2^24 - 1.
+    """
+    return int(mix(looks, number) >> np.uint64(40))
+
+
+@leaf_kernel
 def vehicle_height(length_m: float) -> float:
-    """Height of a vehicle of some length: motorbike, car, or truck."""
+    """Height of a vehicle of some length: motorbike, car, van or truck."""
     if length_m < BIKE_LENGTH_M:
         return 1.2
-    return 1.5 if length_m < TRUCK_LENGTH_M else 3.0
+    if length_m < VAN_LENGTH_M:
+        return 1.5
+    return 2.15 if length_m < TRUCK_LENGTH_M else 3.0
 
 
-@kernel
+@leaf_kernel
+def person_height(width_m: float, variant: int) -> float:
+    """Height of a person: 1.1 to 1.35 m with a child's footprint, up to 1.95 m with the widest."""
+    least = min(max(1.1 + 4.0 * (width_m - 0.35), 1.1), 1.7)
+    return least + 0.0125 * (variant % 21)
+
+
+@leaf_kernel
 def draw_vehicle(
     view: View,
     records: Records,
@@ -49,39 +86,67 @@ def draw_vehicle(
     length_m: float,
     width_m: float,
     height_m: float,
+    braking: bool,
     variant: int,
 ) -> None:
     """A vehicle: body, cabin with windows, wheels, head and tail lamps."""
     cos, sin = math.cos(heading), math.sin(heading)
     body = paint.CAR + variant % paint.CARS
     half, side = length_m / 2.0, width_m / 2.0
+    detailed = abs(view.place[0] - x) + abs(view.place[1] - y) <= DETAIL_M
     if length_m < BIKE_LENGTH_M:
-        draw_bike(view, records, lighting, x, y, cos, sin, half, side, body, variant)
+        draw_bike(view, records, lighting, x, y, cos, sin, half, body, detailed, braking, variant)
         return
-    boxy = height_m > 1.7
-    sill, belt = 0.28, (0.62 if boxy else 0.58) * height_m
+    # from back to front, in half lengths: the painted lower body, the cabin with glass all round
+    # under a roof, and the load space of vans and trucks
+    truck, van = height_m > TRUCK_HEIGHT_M, height_m > VAN_HEIGHT_M
+    style = (variant // paint.CARS) % 3
+    if truck:
+        sill, belt, roof = 0.45, 1.35, 2.1
+        body_back, cab, load = 0.60, (0.60, 0.96), (-1.0, 0.56)
+    elif van:
+        sill, belt, roof = 0.28, 0.5 * height_m, height_m - 0.1
+        body_back, cab, load = -1.0, (0.30, 0.74), (-0.98, 0.32)
+    else:
+        # saloon, hatchback or estate
+        sill, belt, roof = 0.28, 0.58 * height_m, height_m - 0.06
+        body_back, cab, load = -1.0, (-0.68 - 0.12 * style, 0.34), (0.0, 0.0)
+    middle, extent = (1.0 + body_back) / 2.0 * half, (1.0 - body_back) / 2.0 * half
     draw_box(
-        view, records, lighting, x, y, cos, sin, half, side, sill, belt, body, PLAIN, body,
-        variant,
+        view, records, lighting, x + cos * middle, y + sin * middle, cos, sin, extent, side,
+        sill, belt, body, PLAIN, body, variant,
     )  # fmt: skip
-    # the cabin: glass all round under a painted roof
-    back, front = (0.0, 0.80) if boxy else (0.16, 0.66)
-    extent = (front - back) * half
-    middle = -0.16 * half if boxy else (1.0 - back - front) * half
+    middle, extent = (cab[0] + cab[1]) / 2.0 * half, (cab[1] - cab[0]) / 2.0 * half
     cx, cy = x + cos * middle, y + sin * middle
-    top = height_m - 0.06
     draw_box(
-        view, records, lighting, cx, cy, cos, sin, extent, side * 0.88, belt, top,
-        paint.GLASS, GLASS, body, variant,
+        view, records, lighting, cx, cy, cos, sin, extent, side * 0.88, belt, roof, paint.GLASS,
+        GLASS, body, variant,
     )  # fmt: skip
     draw_box(
-        view, records, lighting, cx, cy, cos, sin, extent * 0.9, side * 0.86, top, height_m,
-        body, PLAIN, body, variant,
+        view, records, lighting, cx, cy, cos, sin, extent * 0.9, side * 0.86, roof,
+        min(height_m, roof + 0.25), body, PLAIN, body, variant,
     )  # fmt: skip
-    if abs(view.place[0] - x) + abs(view.place[1] - y) > DETAIL_M:
+    if van:
+        middle, extent = (load[0] + load[1]) / 2.0 * half, (load[1] - load[0]) / 2.0 * half
+        cx, cy = x + cos * middle, y + sin * middle
+        # a truck's box has a colour of its own, above a dark frame
+        slot = paint.CAR + style if truck else body
+        bottom = 0.85 if truck else belt
+        draw_box(
+            view, records, lighting, cx, cy, cos, sin, extent, side * (1.0 if truck else 0.94),
+            bottom, height_m, slot, PLAIN, slot, variant,
+        )  # fmt: skip
+        if truck:
+            draw_box(
+                view, records, lighting, cx, cy, cos, sin, extent, side * 0.8, 0.5, 0.85,
+                paint.TYRE, PLAIN, paint.TYRE, variant,
+            )  # fmt: skip
+    if not detailed:
         return
-    radius = min(0.34, 0.24 * height_m)
-    for end in (-0.62, 0.62):
+    radius = 0.46 if truck else 0.33
+    front_axle = 0.74 if truck else 0.62
+    tail = paint.LENS_RED if braking else paint.TAILLIGHT
+    for end in (-0.62, front_axle):
         for hand in (-1.0, 1.0):
             wx = x + cos * half * end - sin * (side + 0.01) * hand
             wy = y + sin * half * end + cos * (side + 0.01) * hand
@@ -100,12 +165,12 @@ def draw_vehicle(
             else:
                 draw_disc(
                     view, records, lighting, lx - cos * (half + 0.01),
-                    ly - sin * (half + 0.01), 0.74, -cos, -sin, 0.18, 0.1, paint.TAILLIGHT,
-                    EMISSIVE, variant,
+                    ly - sin * (half + 0.01), 0.74, -cos, -sin, 0.18, 0.1, tail, EMISSIVE,
+                    variant,
                 )  # fmt: skip
 
 
-@kernel
+@leaf_kernel
 def draw_bike(
     view: View,
     records: Records,
@@ -115,54 +180,126 @@ def draw_bike(
     cos: float,
     sin: float,
     half: float,
-    side: float,
     body: int,
+    detailed: bool,
+    braking: bool,
     variant: int,
 ) -> None:
     """A motorbike and its rider."""
     draw_box(
-        view, records, lighting, x, y, cos, sin, half, min(side, 0.16), 0.15, 0.85, body,
-        PLAIN, body, variant,
+        view, records, lighting, x, y, cos, sin, 0.62 * half, 0.15, 0.4, 0.82, body, PLAIN, body,
+        variant,
     )  # fmt: skip
+    clothes = paint.CLOTH + variant % paint.CLOTHES
     draw_sprite(
-        view, records, lighting, x - 0.15 * cos, y - 0.15 * sin, 1.15, 0.26, 0.4, FLAT,
-        paint.CLOTH + variant % paint.CLOTHES, PLAIN, variant,
+        view, records, lighting, x - 0.15 * cos, y - 0.15 * sin, 1.12, 0.24, 0.4, FLAT, clothes,
+        PLAIN, variant,
     )  # fmt: skip
-    draw_sprite(view, records, lighting, x, y, 1.68, 0.15, 0.16, ROUND, paint.TYRE, PLAIN, variant)
+    helmet = paint.CAR + (variant // paint.CARS) % paint.CARS
+    draw_sprite(view, records, lighting, x, y, 1.64, 0.14, 0.15, ROUND, helmet, PLAIN, variant)
+    for end in (-1.0, 1.0):
+        # a wheel is seen edge-on, too: a narrow box inside the disc
+        wx, wy = x + 0.66 * half * end * cos, y + 0.66 * half * end * sin
+        draw_box(
+            view, records, lighting, wx, wy, cos, sin, 0.17, 0.07, 0.06, 0.56, paint.TYRE, PLAIN,
+            paint.TYRE, variant,
+        )  # fmt: skip
+        if not detailed:
+            continue
+        for hand in (-0.08, 0.08):
+            draw_disc(
+                view, records, lighting, wx - sin * hand, wy + cos * hand, 0.31,
+                math.copysign(1.0, hand) * -sin, math.copysign(1.0, hand) * cos, 0.31, 0.31,
+                paint.TYRE, PLAIN, variant,
+            )  # fmt: skip
+        lamp = paint.LENS_RED if braking else paint.TAILLIGHT
+        draw_disc(
+            view, records, lighting, x + 0.64 * half * end * cos, y + 0.64 * half * end * sin, 0.75,
+            end * cos, end * sin, 0.1, 0.09, paint.HEADLIGHT if end > 0.0 else lamp, EMISSIVE,
+            variant,
+        )  # fmt: skip
 
 
-@kernel
+@leaf_kernel
 def draw_person(
     view: View,
     records: Records,
     lighting: Lighting,
     x: float,
     y: float,
+    heading: float,
     width_m: float,
-    height_m: float,
+    walking: bool,
     variant: int,
 ) -> None:
-    """A standing or walking person: legs, trunk and head."""
-    half = max(0.18, 0.4 * width_m)
-    hip, neck = 0.46 * height_m, 0.84 * height_m
+    """A person who stands or walks: legs, trunk or coat, head; near by, arms, hair and a bag.
+
+    How far the legs are apart depends on the place alone: on the metres along the heading.
+    """
+    height_m = person_height(width_m, variant)
+    dx, dy = view.place[0] - x, view.place[1] - y
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance < 1e-3:
+        return
+    cos, sin = math.cos(heading), math.sin(heading)
+    # from the side one sees less of the shoulders
+    breadth = max(0.17, 0.36 * width_m)
+    half = breadth * (0.68 + 0.32 * abs(dx * cos + dy * sin) / distance)
+    # a child's head is large for its body
+    head = 0.085 + 0.03 * height_m
+    neck, hip = height_m - 1.9 * head, 0.47 * height_m
     lower = paint.CLOTH + (variant // 8) % paint.CLOTHES
     upper = paint.CLOTH + variant % paint.CLOTHES
     skin = paint.SKIN + variant % paint.SKINS
+    swing = 0.0
+    if walking:
+        stride = STRIDE_M * height_m
+        swing = SWING * height_m * math.sin(2.0 * math.pi * (x * cos + y * sin) / stride)
+    # jacket, or a coat or skirt that hangs down and widens
+    long_coat = (variant // 64) % 4 == 0
+    hem, flare = (0.3 * height_m, 1.1) if long_coat else (0.95 * hip, 0.8)
+    detailed = distance < PERSON_DETAIL_M
+    for hand in (-1.0, 1.0):
+        aside = 0.42 * breadth * hand
+        lx, ly = x - sin * aside, y + cos * aside
+        draw_strip(
+            view, records, lighting, lx + hand * swing * cos, ly + hand * swing * sin, 0.0,
+            0.3 * half, lx, ly, hip, 0.48 * half, lower, variant,
+        )  # fmt: skip
+        if detailed:
+            aside = (breadth + 0.02) * hand
+            ax, ay = x - sin * aside, y + cos * aside
+            ahead = -0.8 * hand * swing
+            draw_strip(
+                view, records, lighting, ax + ahead * cos, ay + ahead * sin, 0.43 * height_m,
+                0.17 * breadth, ax, ay, neck - 0.04, 0.24 * breadth, upper, variant,
+            )  # fmt: skip
+    draw_strip(view, records, lighting, x, y, hem, flare * half, x, y, neck, half, upper, variant)
+    top = height_m - head
+    draw_sprite(view, records, lighting, x, y, top, 0.85 * head, head, ROUND, skin, PLAIN, variant)
+    if not detailed:
+        return
+    # hair or a hat: over the head, and behind it
+    covers = (paint.TYRE, paint.TRUNK, paint.FENCE, upper)
     draw_sprite(
-        view, records, lighting, x, y, hip / 2.0, 0.72 * half, hip / 2.0, FLAT, lower,
-        SLATS, variant,
+        view, records, lighting, x - 0.05 * cos, y - 0.05 * sin, top + 0.3 * head, 0.9 * head,
+        0.85 * head, ROUND, covers[(variant // 256) % 4], PLAIN, variant,
     )  # fmt: skip
-    draw_sprite(
-        view, records, lighting, x, y, (hip + neck) / 2.0, half, (neck - hip) / 2.0, FLAT,
-        upper, PLAIN, variant,
-    )  # fmt: skip
-    draw_sprite(
-        view, records, lighting, x, y, 0.92 * height_m, 0.09 * height_m, 0.085 * height_m,
-        ROUND, skin, PLAIN, variant,
-    )  # fmt: skip
+    bag = (variant // 1024) % 4
+    if bag == 0:  # on the back
+        draw_sprite(
+            view, records, lighting, x - 0.2 * cos, y - 0.2 * sin, 0.66 * height_m, 0.7 * breadth,
+            0.12 * height_m, FLAT, lower, PLAIN, variant,
+        )  # fmt: skip
+    elif bag == 1:  # in the hand
+        aside = breadth + 0.06
+        draw_sprite(
+            view, records, lighting, x - sin * aside, y + cos * aside, 0.3 * height_m, 0.14, 0.13,
+            FLAT, paint.TRUNK, SLATS, variant,
+        )  # fmt: skip
 
 
-@kernel
+@leaf_kernel
 def draw_signal(
     view: View,
     records: Records,

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .fill import fill_convex
-from .jit import kernel
+from .jit import kernel, leaf_kernel
 from .layout import (
     DIRECTION_X,
     DIRECTION_Y,
@@ -32,12 +33,35 @@ FRACTION = 16
 """Raster coordinates are integers with this many fractional bits."""
 
 
-@kernel
+class Scratch(NamedTuple):
+    """Buffers for views of one size, made once for all worlds.
+
+    Attributes:
+        columns: (size,) int32 offsets of a row's pixels in the raster, in fractions of a column.
+        rows: (size,) likewise, in fractions of a row.
+        offsets: (size,) int32 where its pixels lie in the flat raster.
+        values: (size,) uint8 raster values.
+        corner_columns: (4,) corners of a quad.
+        corner_rows: (4,) see above.
+        spans: (size, 2) see ``fill_convex``.
+    """
+
+    columns: NDArray[np.int32]
+    rows: NDArray[np.int32]
+    offsets: NDArray[np.int32]
+    values: NDArray[np.uint8]
+    corner_columns: NDArray[np.float64]
+    corner_rows: NDArray[np.float64]
+    spans: NDArray[np.float64]
+
+
+@leaf_kernel
 def sample_static(
     classes: NDArray,
     grid: RasterGrid,
     window: Window,
     pose: Pose,
+    scratch: Scratch,
     road: NDArray,
     lane: NDArray,
 ) -> None:
@@ -53,12 +77,8 @@ def sample_static(
     scale = grid.px_per_m / window.px_per_m * (1 << FRACTION)
     # one BEV column to the right moves by (-sin, cos) in the world, one row down by (-cos, -sin)
     dx, dy = int(round(-pose.sin * scale)), int(round(pose.cos * scale))
-    columns, rows, offsets = (
-        np.empty(size, np.int32),
-        np.empty(size, np.int32),
-        np.empty(size, np.int32),
-    )
-    values = np.empty(size, np.uint8)
+    columns, rows = scratch.columns, scratch.rows
+    offsets, values = scratch.offsets, scratch.values
     for u in range(size):
         columns[u], rows[u] = u * dx, u * dy
     ahead, left = window.ego_row / window.px_per_m, window.ego_column / window.px_per_m
@@ -99,7 +119,7 @@ def sample_static(
             lane[v, u] = np.uint8(0) - ((values[u] & np.uint8(LANE_BIT)) >> np.uint8(1))
 
 
-@kernel
+@leaf_kernel
 def to_pixel(window: Window, pose: Pose, world_x: float, world_y: float) -> tuple[float, float]:
     """BEV pixel (column, row) of a world point, seen from the ego pose."""
     dx, dy = world_x - pose.x, world_y - pose.y
@@ -111,7 +131,7 @@ def to_pixel(window: Window, pose: Pose, world_x: float, world_y: float) -> tupl
     )
 
 
-@kernel
+@leaf_kernel
 def draw_route(
     plane: NDArray,
     window: Window,
@@ -120,6 +140,7 @@ def draw_route(
     spacing_m: float,
     position_m: float,
     pose: Pose,
+    scratch: Scratch,
 ) -> None:
     """Draw the planned lane centre from a route position to 80 m ahead as a band.
 
@@ -127,7 +148,7 @@ def draw_route(
     """
     end_m = min(position_m + window.route_ahead_m, (size - 1) * spacing_m)
     half = window.route_half_width_m
-    columns, rows, spans = np.empty(4), np.empty(4), np.empty((window.size, 2))
+    columns, rows, spans = scratch.corner_columns, scratch.corner_rows, scratch.spans
     px, py, dir_x, dir_y = route_pose(points, size, spacing_m, position_m)
     columns[0], rows[0] = to_pixel(window, pose, px + dir_y * half, py - dir_x * half)
     columns[1], rows[1] = to_pixel(window, pose, px - dir_y * half, py + dir_x * half)
@@ -148,16 +169,17 @@ def draw_route(
         i += 1
 
 
-@kernel
+@leaf_kernel
 def draw_boxes(
     plane: NDArray,
     window: Window,
     boxes: NDArray,
     min_half_m: float,
     pose: Pose,
+    scratch: Scratch,
 ) -> None:
     """Draw actor footprints (V, 6); rows of length 0 are empty slots."""
-    columns, rows, spans = np.empty(4), np.empty(4), np.empty((window.size, 2))
+    columns, rows, spans = scratch.corner_columns, scratch.corner_rows, scratch.spans
     reach = (window.size * 1.5) / window.px_per_m
     for k in range(boxes.shape[0]):
         if boxes[k, LENGTH] <= 0.0:
@@ -179,16 +201,17 @@ def draw_boxes(
         fill_convex(plane, columns, rows, spans, 0, 255)
 
 
-@kernel
+@leaf_kernel
 def draw_stop_lines(
     plane: NDArray,
     window: Window,
     stop_lines: NDArray,
     signals: NDArray,
     pose: Pose,
+    scratch: Scratch,
 ) -> None:
     """Draw the stop lines (S, 4) whose signal (S,) is yellow or red."""
-    columns, rows, spans = np.empty(4), np.empty(4), np.empty((window.size, 2))
+    columns, rows, spans = scratch.corner_columns, scratch.corner_rows, scratch.spans
     for k in range(stop_lines.shape[0]):
         if signals[k] < SIGNAL_YELLOW:
             continue
@@ -239,12 +262,22 @@ def render_worlds(
         signals: (N, S) uint8.
         bev: (N, 6, size, size) uint8 output, every pixel written.
     """
+    size = window.size
+    scratch = Scratch(
+        np.empty(size, np.int32),
+        np.empty(size, np.int32),
+        np.empty(size, np.int32),
+        np.empty(size, np.uint8),
+        np.empty(4),
+        np.empty(4),
+        np.empty((size, 2)),
+    )
     for n in range(ego.shape[0]):
         if not selected[n]:
             continue
         heading = ego[n, HEADING]
         pose = Pose(ego[n, X], ego[n, Y], math.cos(heading), math.sin(heading))
-        sample_static(classes, grid, window, pose, bev[n, ROAD], bev[n, LANE])
+        sample_static(classes, grid, window, pose, scratch, bev[n, ROAD], bev[n, LANE])
         bev[n, ROUTE] = 0
         bev[n, VEHICLES:] = 0
         if route_size[n] >= 2:
@@ -256,9 +289,11 @@ def render_worlds(
                 route_spacing[n],
                 progress[n, ROUTE_POSITION],
                 pose,
+                scratch,
             )
-        draw_boxes(bev[n, VEHICLES], window, vehicles[n], 0.0, pose)
+        draw_boxes(bev[n, VEHICLES], window, vehicles[n], 0.0, pose, scratch)
         draw_boxes(
-            bev[n, PEDESTRIANS], window, pedestrians[n], window.pedestrian_half_extent_m, pose
-        )
-        draw_stop_lines(bev[n, LIGHTS], window, stop_lines, signals[n], pose)
+            bev[n, PEDESTRIANS], window, pedestrians[n], window.pedestrian_half_extent_m, pose,
+            scratch,
+        )  # fmt: skip
+        draw_stop_lines(bev[n, LIGHTS], window, stop_lines, signals[n], pose, scratch)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import leaf_kernel
 from .mesh import Canvas, fill_faces, new_canvas
 from .occlusion import Skyline
 from .scene_shadows import cast_shadows
@@ -43,7 +43,9 @@ def new_workspace(scenery: Scenery, cameras: int, height: int, width: int) -> Wo
     tables = (scenery.boxes, scenery.gables, scenery.sprites, scenery.cars, scenery.kerbs)
     return Workspace(
         nearby=Nearby(
-            np.zeros(len(tables), np.int64), *(np.zeros(len(table), np.int64) for table in tables)
+            np.zeros(len(tables), np.int64),
+            np.zeros(max(len(table) for table in tables)),
+            *(np.zeros(len(table), np.int64) for table in tables),
         ),
         skyline=Skyline(np.zeros(width), np.zeros(width)),
         canvas=new_canvas(height, width),
@@ -61,7 +63,7 @@ def new_workspace(scenery: Scenery, cameras: int, height: int, width: int) -> Wo
     )
 
 
-@kernel
+@leaf_kernel
 def list_faces(
     scenery: Scenery,
     lighting: Lighting,
@@ -77,6 +79,7 @@ def list_faces(
     pedestrians: NDArray,
     signals: NDArray,
     sunny: bool,
+    looks: int,
     nearby: Nearby,
     skyline: Skyline,
     hull: NDArray,
@@ -102,6 +105,7 @@ def list_faces(
         pedestrians: (P, 6).
         signals: (S,) states.
         sunny: Whether things cast shadows.
+        looks: Random number of the episode, see ``actor_variant``.
         nearby: Buffer.
         skyline: Buffer.
         hull: See ``cast_box``.
@@ -119,15 +123,17 @@ def list_faces(
         skyline.nearness[:] = 0.0
         draw_buildings(view, records, lighting, scenery, nearby, skyline)
         draw_street(view, records, lighting, scenery, nearby, skyline)
-        draw_actors(view, records, lighting, scenery, vehicles, pedestrians, signals)
+        draw_actors(
+            view, records, lighting, scenery, skyline, vehicles, pedestrians, signals, looks
+        )
         cast_shadows(
             view, records, lighting, scenery, nearby, ego, vehicles, pedestrians, sunny,
-            hull,
+            looks, hull,
         )  # fmt: skip
     starts[axes.shape[0]] = records.used[0]
 
 
-@kernel
+@leaf_kernel
 def paint_images(
     ground: GroundTexture,
     atmosphere: Atmosphere,
@@ -186,7 +192,7 @@ def paint_images(
         )  # fmt: skip
 
 
-@kernel
+@leaf_kernel
 def add_noise(images: NDArray, tile: NDArray, start: int) -> None:
     """Add sensor noise to images (C, H, W, 3) uint8, in place.
 

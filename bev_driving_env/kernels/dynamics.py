@@ -6,7 +6,7 @@ import math
 
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import leaf_kernel
 from .layout import HEADING, PITCH, ROLL, SPEED, X, Y
 
 LEAN_RAD_PER_MPS2 = math.radians(0.4)
@@ -15,7 +15,7 @@ MOST_LEAN_RAD = math.radians(2.0)
 LEAN_TIME_S = 0.3
 
 
-@kernel
+@leaf_kernel
 def braked(
     acceleration_mps2: float, speed_mps: float, speed_limit_mps: float, dt_s: float
 ) -> float:
@@ -28,7 +28,7 @@ def braked(
     return max(acceleration_mps2, -speed_mps / dt_s)
 
 
-@kernel
+@leaf_kernel
 def advance(
     ego: NDArray, acceleration_mps2: float, steering_rad: float, half_length_m: float, dt_s: float
 ) -> None:
@@ -48,7 +48,7 @@ def advance(
         ego[SPEED] += acceleration_mps2 * dt_s
 
 
-@kernel
+@leaf_kernel
 def sway(attitude: NDArray, acceleration_mps2: float, lateral_mps2: float, dt_s: float) -> None:
     """Move the body's pitch and roll (2,) towards what the accelerations ask for, in place.
 

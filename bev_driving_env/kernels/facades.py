@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import leaf_kernel
 from .shapes import (
     ALONG_X,
     ALONG_Y,
@@ -27,7 +27,7 @@ from .surfaces import GRAIN_BITS, GRAIN_SIZE, tile_index
 from .view import Vector
 
 
-@kernel
+@leaf_kernel
 def pattern_scale(pattern: int) -> tuple[float, float, float, float]:
     """Texels per metre along and up a face, brightening per metre up, and average factor."""
     if pattern >= FACADE:
@@ -45,7 +45,7 @@ def pattern_scale(pattern: int) -> tuple[float, float, float, float]:
     return 32.0, 64.0, 0.0, 0.98
 
 
-@kernel
+@leaf_kernel
 def shade_faces(
     stop: int,
     ray: Vector,

@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import kernel, leaf_kernel
 
 
-@kernel
+@leaf_kernel
 def fill_convex(
     plane: NDArray, columns: NDArray, rows: NDArray, spans: NDArray, keep: int, value: int
 ) -> None:

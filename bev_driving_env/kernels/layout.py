@@ -12,6 +12,15 @@ EGO_COLUMNS = 4
 LENGTH, WIDTH = 4, 5
 ACTOR_COLUMNS = 6
 
+# vehicle_track (N, V, 6): rail a vehicle is on, the two it goes on to, the one it came from, how
+# often it has chosen a way, and whether it may enter the junction ahead
+RAIL, NEXT_RAIL, AFTER_RAIL, LAST_RAIL, CHOICES, ADMITTED = range(6)
+TRACK_COLUMNS = 6
+# vehicle_motion (N, V, 3): metres of its centre along the rail, the speed it would like to drive,
+# and how long it has been waiting at a stop line
+STATION, WANTED_MPS, WAITED_S = range(3)
+MOTION_COLUMNS = 3
+
 # command (N, 2): what the driver asked for in [-1, 1]
 ACCELERATION, STEERING = 0, 1
 
@@ -26,9 +35,18 @@ PROGRESS_COLUMNS = 5
 # attitude (N, 2): radians, nose down and right side down
 PITCH, ROLL = 0, 1
 
-# timers (N, 2)
-WRONG_LANE_S, STOPPED_S = 0, 1
-TIMERS = 2
+# timers (N, 6): seconds in an opposing lane, standing, standing with nothing to wait for, and, for
+# each kind of collision, how much longer a contact counts as the last one
+WRONG_LANE_S, STOPPED_S, BLOCKED_S, VEHICLE_HOLD_S, PEDESTRIAN_HOLD_S, STATIC_HOLD_S = range(6)
+TIMERS = 6
+
+# travelled (N, 2): metres driven, and of them off the road or against the lane's direction
+TRAVELLED_M, OUTSIDE_M = range(2)
+DISTANCES = 2
+
+# involved (N, 3): number of the vehicle, pedestrian and signal of the last infraction with one
+INVOLVED_VEHICLE, INVOLVED_PEDESTRIAN, INVOLVED_SIGNAL = range(3)
+INVOLVED = 3
 
 # signals (N, S)
 SIGNAL_OFF, SIGNAL_GREEN, SIGNAL_YELLOW, SIGNAL_RED = 0, 1, 2, 3

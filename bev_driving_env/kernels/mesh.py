@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import leaf_kernel
 from .shapes import MARK, MOST_CORNERS, SIZE, Records
 from .view import NEAR_M, View
 
@@ -57,7 +57,7 @@ def new_canvas(height: int, width: int) -> Canvas:
     )
 
 
-@kernel
+@leaf_kernel
 def outline_of(view: View, corners: NDArray, number: int, count: int, outline: NDArray) -> int:
     """Cut a polygon (camera frame) at the near plane and project it.
 
@@ -94,7 +94,7 @@ def outline_of(view: View, corners: NDArray, number: int, count: int, outline: N
     return kept
 
 
-@kernel
+@leaf_kernel
 def fill_spans(
     view: View, outline: NDArray, count: int, edges: NDArray, spans: NDArray
 ) -> tuple[int, int]:
@@ -152,7 +152,7 @@ def fill_spans(
     return first, stop
 
 
-@kernel
+@leaf_kernel
 def fill_face(
     view: View,
     corners: NDArray,
@@ -208,7 +208,7 @@ def fill_face(
             faces[i] = name if nearer else faces[i]
 
 
-@kernel
+@leaf_kernel
 def fill_shadow(
     width: int, mark: int, first: int, stop: int, spans: NDArray, shadow: NDArray
 ) -> None:
@@ -222,7 +222,7 @@ def fill_shadow(
             shadow[i] = np.uint8(shadow[i] | bit)
 
 
-@kernel
+@leaf_kernel
 def fill_faces(
     view: View, canvas: Canvas, records: Records, first_face: int, last_face: int
 ) -> None:

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from .jit import kernel
+from .jit import leaf_kernel
 
 
-@kernel
+@leaf_kernel
 def mix(seed: int, counter: int) -> int:
     """A well-mixed 64-bit number for a seed and a counter (splitmix64, Steele et al. 2014)."""
     z = np.uint64(seed) + np.uint64(0x9E3779B97F4A7C15) * (np.uint64(counter) + np.uint64(1))
@@ -18,13 +18,13 @@ def mix(seed: int, counter: int) -> int:
     return z ^ (z >> np.uint64(31))
 
 
-@kernel
+@leaf_kernel
 def uniform(seed: int, counter: int) -> float:
     """A number in [0, 1) for a seed and a counter."""
     return float(mix(seed, counter) >> np.uint64(11)) / 9007199254740992.0
 
 
-@kernel
+@leaf_kernel
 def normal(seed: int, counter: int) -> float:
     """A standard normal number for a seed and a counter (Box and Muller)."""
     radius = math.sqrt(-2.0 * math.log(1.0 - uniform(seed, 2 * counter)))

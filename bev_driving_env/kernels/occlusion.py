@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import leaf_kernel
 from .view import NEAR_M, View, to_camera
 
 SAFETY_PX = 1.5
@@ -26,7 +26,7 @@ class Skyline(NamedTuple):
     nearness: NDArray[np.float64]
 
 
-@kernel
+@leaf_kernel
 def within_reach(table: NDArray, x: float, y: float, reach_m: float, found: NDArray) -> int:
     """Rows of a table that start with x, y and lie within reach.
 
@@ -48,9 +48,15 @@ def within_reach(table: NDArray, x: float, y: float, reach_m: float, found: NDAr
     return count
 
 
-@kernel
+@leaf_kernel
 def nearest_first(
-    table: NDArray, sizes: NDArray, x: float, y: float, reach_m: float, order: NDArray
+    table: NDArray,
+    sizes: NDArray,
+    x: float,
+    y: float,
+    reach_m: float,
+    keys: NDArray,
+    order: NDArray,
 ) -> int:
     """Rows of a table that start with x, y, within reach, the nearest first.
 
@@ -60,13 +66,13 @@ def nearest_first(
         x: Where one looks from.
         y: See above.
         reach_m: Farther things are left out.
+        keys: (B,) float64 scratch.
         order: (B,) int64 output.
 
     Returns:
         How many rows are within reach.
     """
     count = 0
-    keys = np.empty(table.shape[0])
     for k in range(table.shape[0]):
         distance = math.sqrt((table[k, 0] - x) ** 2 + (table[k, 1] - y) ** 2) - sizes[k]
         if distance < reach_m:
@@ -87,7 +93,7 @@ def nearest_first(
     return count
 
 
-@kernel
+@leaf_kernel
 def is_hidden(
     view: View, skyline: Skyline, x: float, y: float, radius_m: float, high_m: float
 ) -> bool:
@@ -115,7 +121,7 @@ def is_hidden(
     return True
 
 
-@kernel
+@leaf_kernel
 def raise_skyline(
     view: View, skyline: Skyline, x0: float, y0: float, x1: float, y1: float, high_m: float
 ) -> None:

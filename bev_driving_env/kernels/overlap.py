@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import leaf_kernel
 from .layout import HEADING, X, Y
 
 SOLID_X, SOLID_Y, SOLID_HEADING, SOLID_LENGTH, SOLID_WIDTH = range(5)
@@ -24,7 +24,7 @@ class SolidGrid(NamedTuple):
     rows: int
 
 
-@kernel
+@leaf_kernel
 def circles_apart(
     dx: float,
     dy: float,
@@ -40,7 +40,7 @@ def circles_apart(
     return dx * dx + dy * dy > reach2
 
 
-@kernel
+@leaf_kernel
 def boxes_overlap(
     ax: float,
     ay: float,
@@ -85,7 +85,7 @@ def boxes_overlap(
     )
 
 
-@kernel
+@leaf_kernel
 def hits_any(
     solids: NDArray,
     cell_start: NDArray,

@@ -6,7 +6,7 @@ import math
 
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import leaf_kernel
 from .layout import (
     DIRECTION_X,
     DIRECTION_Y,
@@ -24,7 +24,7 @@ BACK_M = 5.0
 AHEAD_M = 10.0
 
 
-@kernel
+@leaf_kernel
 def nearest_on_route(
     points: NDArray, size: int, spacing_m: float, around_m: float, x: float, y: float
 ) -> tuple[float, float]:
@@ -60,7 +60,7 @@ def nearest_on_route(
     return best_position, math.sqrt(best_distance2)
 
 
-@kernel
+@leaf_kernel
 def route_pose(
     points: NDArray, size: int, spacing_m: float, position_m: float
 ) -> tuple[float, float, float, float]:
@@ -76,7 +76,7 @@ def route_pose(
     return x, y, dx / norm, dy / norm
 
 
-@kernel
+@leaf_kernel
 def update_progress(
     ego: NDArray, points: NDArray, size: int, spacing_m: float, progress: NDArray
 ) -> None:

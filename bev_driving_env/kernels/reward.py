@@ -6,7 +6,7 @@ import math
 
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import leaf_kernel
 from .layout import (
     ACCELERATION,
     HEADING_ERROR,
@@ -24,7 +24,7 @@ from .layout import (
 LATERAL_SCALE_M = 3.5
 
 
-@kernel
+@leaf_kernel
 def fill_reward_terms(
     physics: Physics,
     route_done_before_m: float,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bev import to_pixel
-from .jit import kernel
+from .jit import leaf_kernel
 from .layout import HEADING, ROUTE_POSITION, Pose, Window, X, Y
 from .noise import mix, normal
 
@@ -27,7 +27,7 @@ JITTER = 6
 """Counter of the seed of the jitter; the two offsets use up 2 to 5."""
 
 
-@kernel
+@leaf_kernel
 def gps_offset(seed: int, step: int) -> tuple[float, float]:
     """World-frame error of the position fix: one offset per episode plus jitter per control step.
 
@@ -47,7 +47,7 @@ def gps_offset(seed: int, step: int) -> tuple[float, float]:
     )
 
 
-@kernel
+@leaf_kernel
 def brighten_disc(plane: NDArray, column: float, row: float, radius: float, value: int) -> None:
     """Raise every pixel (H, W) uint8 whose centre lies in a disc to at least a value.
 
@@ -68,7 +68,7 @@ def brighten_disc(plane: NDArray, column: float, row: float, radius: float, valu
             plane[v, u] = max(plane[v, u], value8)
 
 
-@kernel
+@leaf_kernel
 def window_exit(window: Window, column: float, row: float) -> tuple[float, float]:
     """Pixel (column, row) where the line from the ego to a pixel outside leaves the window."""
     part, last = 1.0, window.size - 1.0
@@ -85,7 +85,7 @@ def window_exit(window: Window, column: float, row: float) -> tuple[float, float
     return window.ego_column + part * du, window.ego_row + part * dv
 
 
-@kernel
+@leaf_kernel
 def draw_route_map(
     plane: NDArray,
     window: Window,
@@ -123,7 +123,7 @@ def draw_route_map(
         brighten_disc(plane, column, row, radius, DISC)
 
 
-@kernel
+@leaf_kernel
 def render_route_maps(
     window: Window,
     selected: NDArray,

@@ -6,8 +6,8 @@ import math
 
 from numpy.typing import NDArray
 
-from .actors import vehicle_height
-from .jit import kernel
+from .actors import PERSON, actor_variant, person_height, vehicle_height
+from .jit import leaf_kernel
 from .layout import HEADING, LENGTH, WIDTH, X, Y
 from .scenery import BOXES, CARS, GABLES, SPRITES, Nearby, Scenery
 from .shadows import cast_box, cast_crown, cast_vehicle
@@ -17,14 +17,14 @@ from .view import Ego, View
 SHADOWS_M = 35.0
 
 
-@kernel
+@leaf_kernel
 def is_near(ego: Ego, x: float, y: float, reach_m: float) -> bool:
     """Whether a shadow that reaches so far can fall where shadows are drawn."""
     reach = SHADOWS_M + min(reach_m, SHADOWS_M)
     return (x - ego.x) ** 2 + (y - ego.y) ** 2 < reach * reach
 
 
-@kernel
+@leaf_kernel
 def cast_shadows(
     view: View,
     records: Records,
@@ -35,6 +35,7 @@ def cast_shadows(
     vehicles: NDArray,
     pedestrians: NDArray,
     sunny: bool,
+    looks: int,
     hull: NDArray,
 ) -> None:
     """All shadows on the ground that a camera may see."""
@@ -83,7 +84,8 @@ def cast_shadows(
             )  # fmt: skip
     for k in range(pedestrians.shape[0]):
         if pedestrians[k, LENGTH] > 0.0:
+            height = person_height(pedestrians[k, WIDTH], actor_variant(looks, PERSON + k))
             cast_box(
                 view, records, lighting, pedestrians[k, X], pedestrians[k, Y], 1.0, 0.0, 0.22, 0.22,
-                0.0, 1.7, hull,
+                0.0, height, hull,
             )  # fmt: skip

@@ -9,9 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import paints as paint
-from .actors import draw_person, draw_signal, draw_vehicle, vehicle_height
-from .jit import kernel
-from .layout import HEADING, LENGTH, WIDTH, X, Y
+from .actors import (
+    PARKED,
+    PERSON,
+    actor_variant,
+    draw_person,
+    draw_signal,
+    draw_vehicle,
+    vehicle_height,
+)
+from .jit import leaf_kernel
+from .layout import HEADING, LENGTH, SPEED, WIDTH, X, Y
 from .occlusion import Skyline, is_hidden, nearest_first, raise_skyline, within_reach
 from .shapes import (
     BRICKS,
@@ -34,6 +42,10 @@ DETAIL = 60.0
 """Boxes are drawn up to this many times their size away."""
 BOXES, GABLES, SPRITES, CARS, KERBS = range(5)
 KERB_HEIGHT_M = 0.12
+TALLEST_M = 2.0
+"""Nobody is taller."""
+STANDING_MPS = 0.3
+"""Slower vehicles show their brake lights; slower people have their feet together."""
 
 
 class Scenery(NamedTuple):
@@ -59,9 +71,20 @@ class Scenery(NamedTuple):
 
 
 class Nearby(NamedTuple):
-    """Rows of the scenery's tables that are near enough to be seen, the nearest first."""
+    """Rows of the scenery's tables that are near enough to be seen, boxes and gables in order.
+
+    Attributes:
+        counts: (5,) how many rows of each table.
+        distances: (rows of the largest table,) scratch for sorting.
+        boxes: (B,) their numbers, the nearest first.
+        gables: (G,) likewise.
+        sprites: (S,) in any order, as the next two.
+        cars: (K,).
+        kerbs: (E,).
+    """
 
     counts: NDArray[np.int64]
+    distances: NDArray[np.float64]
     boxes: NDArray[np.int64]
     gables: NDArray[np.int64]
     sprites: NDArray[np.int64]
@@ -69,21 +92,24 @@ class Nearby(NamedTuple):
     kerbs: NDArray[np.int64]
 
 
-@kernel
+@leaf_kernel
 def find_nearby(scenery: Scenery, ego: Ego, nearby: Nearby) -> None:
     """List what is near enough to be seen, the nearest first, once for all cameras."""
     x, y = ego.x, ego.y
     counts = nearby.counts
-    counts[BOXES] = nearest_first(scenery.boxes, scenery.boxes[:, 4], x, y, SIGHT_M, nearby.boxes)
+    keys = nearby.distances
+    counts[BOXES] = nearest_first(
+        scenery.boxes, scenery.boxes[:, 4], x, y, SIGHT_M, keys, nearby.boxes
+    )
     counts[GABLES] = nearest_first(
-        scenery.gables, scenery.gables[:, 4], x, y, SIGHT_M, nearby.gables
+        scenery.gables, scenery.gables[:, 4], x, y, SIGHT_M, keys, nearby.gables
     )
     counts[SPRITES] = within_reach(scenery.sprites, x, y, TREES_M, nearby.sprites)
     counts[CARS] = within_reach(scenery.cars, x, y, CARS_M, nearby.cars)
     counts[KERBS] = within_reach(scenery.kerbs, x, y, KERBS_M, nearby.kerbs)
 
 
-@kernel
+@leaf_kernel
 def draw_buildings(
     view: View,
     records: Records,
@@ -121,7 +147,7 @@ def draw_buildings(
             )  # fmt: skip
 
 
-@kernel
+@leaf_kernel
 def hide_behind(view: View, skyline: Skyline, box: NDArray) -> None:
     """Raise the skyline by the two diagonals of a box: each hides what is behind the box."""
     ax, ay = box[2] * box[4], box[3] * box[4]
@@ -131,7 +157,7 @@ def hide_behind(view: View, skyline: Skyline, box: NDArray) -> None:
     raise_skyline(view, skyline, x + ax - bx, y + ay - by, x - ax + bx, y - ay + by, box[7])
 
 
-@kernel
+@leaf_kernel
 def draw_street(
     view: View,
     records: Records,
@@ -157,7 +183,7 @@ def draw_street(
         ):
             draw_vehicle(
                 view, records, lighting, car[0], car[1], car[2], car[3], car[4], car[5],
-                int(car[6]),
+                PARKED, int(car[6]),
             )  # fmt: skip
     for i in range(nearby.counts[KERBS]):
         kerb = scenery.kerbs[nearby.kerbs[i]]
@@ -169,32 +195,38 @@ def draw_street(
             )  # fmt: skip
 
 
-@kernel
+@leaf_kernel
 def draw_actors(
     view: View,
     records: Records,
     lighting: Lighting,
     scenery: Scenery,
+    skyline: Skyline,
     vehicles: NDArray,
     pedestrians: NDArray,
     signals: NDArray,
+    looks: int,
 ) -> None:
-    """Vehicles, people and signal heads; a row's number decides its colours."""
+    """Vehicles, people and signal heads; the episode and a row's number decide its looks."""
     for k in range(vehicles.shape[0]):
-        length = vehicles[k, LENGTH]
-        if length > 0.0 and may_see(view, vehicles[k, X], vehicles[k, Y], length, SIGHT_M):
+        x, y, length = vehicles[k, X], vehicles[k, Y], vehicles[k, LENGTH]
+        if length <= 0.0 or not may_see(view, x, y, length, SIGHT_M):
+            continue
+        height = vehicle_height(length)
+        # riders are taller than their motorbikes
+        if not is_hidden(view, skyline, x, y, length, max(height, TALLEST_M)):
             draw_vehicle(
-                view, records, lighting, vehicles[k, X], vehicles[k, Y],
-                vehicles[k, HEADING], length, vehicles[k, WIDTH], vehicle_height(length), 37 * k,
+                view, records, lighting, x, y, vehicles[k, HEADING], length, vehicles[k, WIDTH],
+                height, vehicles[k, SPEED] < STANDING_MPS, actor_variant(looks, k),
             )  # fmt: skip
     for k in range(pedestrians.shape[0]):
-        size = pedestrians[k, LENGTH]
-        if size > 0.0 and may_see(view, pedestrians[k, X], pedestrians[k, Y], 1.0, PEOPLE_M):
-            # children have smaller footprints
-            height = min(max(1.1, 3.2 * pedestrians[k, WIDTH]), 1.65) + 0.03 * (k % 7)
+        x, y, size = pedestrians[k, X], pedestrians[k, Y], pedestrians[k, LENGTH]
+        if size <= 0.0 or not may_see(view, x, y, 1.0, PEOPLE_M):
+            continue
+        if not is_hidden(view, skyline, x, y, 1.0, TALLEST_M):
             draw_person(
-                view, records, lighting, pedestrians[k, X], pedestrians[k, Y],
-                pedestrians[k, WIDTH], height, 11 * k,
+                view, records, lighting, x, y, pedestrians[k, HEADING], pedestrians[k, WIDTH],
+                pedestrians[k, SPEED] > STANDING_MPS, actor_variant(looks, PERSON + k),
             )  # fmt: skip
     heads = scenery.signals
     for k in range(heads.shape[0]):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .facades import shade_faces
-from .jit import kernel
+from .jit import leaf_kernel
 from .mesh import Canvas
 from .shapes import Records
 from .surfaces import (
@@ -111,7 +111,7 @@ class RowScratch(NamedTuple):
     rgb: NDArray[np.float32]  # (3, W + 3), see shade_sky
 
 
-@kernel
+@leaf_kernel
 def ground_sampling(view: View, ground: GroundTexture, depth: float) -> tuple[int, int, float]:
     """How to sample the ground that lies at some depth.
 
@@ -131,7 +131,7 @@ def ground_sampling(view: View, ground: GroundTexture, depth: float) -> tuple[in
     return level, min(samples, MOST_SAMPLES), along_m
 
 
-@kernel
+@leaf_kernel
 def ray_of(view: View, row: float) -> Vector:
     """World direction of the pixel at column 0 of a row, at depth 1."""
     ahead = (row - view.center_v) / view.focal_px
@@ -144,13 +144,13 @@ def ray_of(view: View, row: float) -> Vector:
     )
 
 
-@kernel
+@leaf_kernel
 def along_row(table: NDArray, first: int, last: int, span: int) -> tuple[float, float]:
     """An entry of a table, and the change per column to another one that is ``span`` away."""
     return table[first], (table[last] - table[first]) / span
 
 
-@kernel
+@leaf_kernel
 def free_span(faces: NDArray) -> tuple[int, int]:
     """First column of a row without a face, and the one after the last; equal if all have one."""
     first, stop = 0, faces.shape[0]
@@ -161,7 +161,7 @@ def free_span(faces: NDArray) -> tuple[int, int]:
     return first, stop
 
 
-@kernel
+@leaf_kernel
 def shade_image(
     view: View,
     canvas: Canvas,
@@ -265,7 +265,7 @@ def shade_image(
         expose_row(rgb, lens.gain[v], lens.veil[v], lens.balance, lens.veil_rgb, planes[:, v])
 
 
-@kernel
+@leaf_kernel
 def light_row(
     left: float,
     slope: float,

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import leaf_kernel
 from .shapes import OCTAGON, RECTANGLE, Lighting, Records, add_shadow, set_corner
 from .view import View, may_see
 
@@ -16,7 +16,7 @@ LONGEST_M = 60.0
 CONTACT_M = 0.02
 
 
-@kernel
+@leaf_kernel
 def shadow_shift(lighting: Lighting, height_m: float) -> tuple[float, float]:
     """Where the shadow of a point at some height falls, relative to the foot of it."""
     reach = height_m / max(lighting.sun_z, 0.05)
@@ -27,7 +27,7 @@ def shadow_shift(lighting: Lighting, height_m: float) -> tuple[float, float]:
     return dx, dy
 
 
-@kernel
+@leaf_kernel
 def base_and_top(
     x: float,
     y: float,
@@ -70,7 +70,7 @@ def base_and_top(
     return count
 
 
-@kernel
+@leaf_kernel
 def cast_box(
     view: View,
     records: Records,
@@ -117,7 +117,7 @@ def cast_box(
     add_shadow(records, count, CAST)
 
 
-@kernel
+@leaf_kernel
 def cast_crown(
     view: View,
     records: Records,
@@ -150,7 +150,7 @@ def cast_crown(
     add_shadow(records, OCTAGON, CAST)
 
 
-@kernel
+@leaf_kernel
 def cast_vehicle(
     view: View,
     records: Records,

@@ -8,7 +8,7 @@ from typing import NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import leaf_kernel
 from .view import Vector, View, to_camera
 
 # how a face is textured: a page of ``cameras.textures``; facades come in four styles.
@@ -83,7 +83,7 @@ def new_records(cameras: int) -> Records:
     )
 
 
-@kernel
+@leaf_kernel
 def set_corner(view: View, records: Records, k: int, x: float, y: float, z: float) -> None:
     """Make a world point a corner of the next face."""
     number = records.used[0]
@@ -93,7 +93,7 @@ def set_corner(view: View, records: Records, k: int, x: float, y: float, z: floa
     records.corners[number, k, 2] = forward
 
 
-@kernel
+@leaf_kernel
 def add_face(
     records: Records,
     lighting: Lighting,
@@ -133,7 +133,7 @@ def add_face(
         records.used[0] = number + 1
 
 
-@kernel
+@leaf_kernel
 def add_shadow(records: Records, count: int, mark: int) -> None:
     """Add a patch of shadow on the ground whose corners have been set."""
     number = records.used[0]
@@ -142,7 +142,7 @@ def add_shadow(records: Records, count: int, mark: int) -> None:
         records.used[0] = number + 1
 
 
-@kernel
+@leaf_kernel
 def draw_wall(
     view: View,
     records: Records,
@@ -172,7 +172,7 @@ def draw_wall(
     add_face(records, lighting, RECTANGLE, slot, pattern, nx, ny, 0.0, x0, y0, low_m, variant)
 
 
-@kernel
+@leaf_kernel
 def draw_box(
     view: View,
     records: Records,
@@ -222,7 +222,7 @@ def draw_box(
         add_face(records, lighting, RECTANGLE, top_slot, PLAIN, 0.0, 0.0, up, x, y, level, variant)
 
 
-@kernel
+@leaf_kernel
 def draw_gable(
     view: View,
     records: Records,
@@ -289,7 +289,7 @@ def draw_gable(
         )
 
 
-@kernel
+@leaf_kernel
 def draw_disc(
     view: View,
     records: Records,
@@ -315,7 +315,7 @@ def draw_disc(
     add_face(records, lighting, OCTAGON, slot, pattern, cos, sin, 0.0, x, y, z, variant)
 
 
-@kernel
+@leaf_kernel
 def draw_sprite(
     view: View,
     records: Records,
@@ -361,3 +361,34 @@ def draw_sprite(
         variant,
         TWO_SIDED,
     )
+
+
+@leaf_kernel
+def draw_strip(
+    view: View,
+    records: Records,
+    lighting: Lighting,
+    x0: float,
+    y0: float,
+    z0: float,
+    half0: float,
+    x1: float,
+    y1: float,
+    z1: float,
+    half1: float,
+    slot: int,
+    variant: int,
+) -> None:
+    """A strip from point 0 up to point 1, of half widths 0 and 1, that turns to the camera."""
+    dx, dy = view.place[0] - x1, view.place[1] - y1
+    distance = math.sqrt(dx * dx + dy * dy)
+    if distance < 1e-3:
+        return
+    cos, sin = dx / distance, dy / distance
+    least = 0.45 * distance / view.focal_px
+    for k in range(4):
+        half = max(half1 if k > 1 else half0, least)
+        across = half if 0 < k < 3 else -half
+        x, y, z = (x1, y1, z1) if k > 1 else (x0, y0, z0)
+        set_corner(view, records, k, x - sin * across, y + cos * across, z)
+    add_face(records, lighting, RECTANGLE, slot, PLAIN, cos, sin, 0.0, x0, y0, z0, variant)

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import leaf_kernel
 from .view import Vector
 
 FARTHEST_M = 400.0
@@ -21,7 +21,7 @@ GRAIN_BITS = 7
 GRAIN_PER_M, STAIN_PER_M = 13.0, 1.3
 
 
-@kernel
+@leaf_kernel
 def tile_index(row: float, column: float) -> int:
     """Index into a tile of noise that repeats every 128 steps."""
     mask = np.int32(GRAIN_SIZE - 1)
@@ -29,7 +29,7 @@ def tile_index(row: float, column: float) -> int:
     return np.int32(np.int32(r << np.int32(GRAIN_BITS)) | c)
 
 
-@kernel
+@leaf_kernel
 def add_ground(
     first: int,
     stop: int,
@@ -96,7 +96,7 @@ def add_ground(
         odd[u] += i32(i32(texel[u] >> i32(8)) & bytes_)
 
 
-@kernel
+@leaf_kernel
 def finish_ground(
     first: int,
     stop: int,
@@ -171,7 +171,7 @@ def finish_ground(
             row[u] = colour * (one - left * blocked[u]) + air * added[u]
 
 
-@kernel
+@leaf_kernel
 def shade_sky(
     first: int,
     stop: int,
@@ -253,7 +253,7 @@ def shade_sky(
             row[k + np.uint64(3)] = colour
 
 
-@kernel
+@leaf_kernel
 def expose_row(
     rgb: NDArray,
     gain: NDArray,

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import leaf_kernel
 
 NEAR_M = 0.12
 LOWEST_M = 0.1
@@ -49,7 +48,7 @@ class View(NamedTuple):
     place: Vector
 
 
-@kernel
+@leaf_kernel
 def to_camera(view: View, x: float, y: float, z: float) -> tuple[float, float, float]:
     """A world point in the camera frame: right, down, forward."""
     dx, dy, dz = x - view.place[0], y - view.place[1], z - view.place[2]
@@ -61,7 +60,7 @@ def to_camera(view: View, x: float, y: float, z: float) -> tuple[float, float, f
     )
 
 
-@kernel
+@leaf_kernel
 def may_see(view: View, x: float, y: float, radius_m: float, reach_m: float) -> bool:
     """Whether an upright cylinder around (x, y) can be in the picture; errs to yes."""
     dx, dy = x - view.place[0], y - view.place[1]
@@ -80,7 +79,23 @@ def may_see(view: View, x: float, y: float, radius_m: float, reach_m: float) -> 
     return abs(right) <= half * max(forward, 0.0) + side
 
 
-@kernel
+@leaf_kernel
+def to_world(turn: tuple[float, float, float, float, float, float], vector: NDArray) -> Vector:
+    """A vector (3,) of the body frame in the world frame.
+
+    Args:
+        turn: Cosine and sine of pitch, roll and heading.
+        vector: Forward, left, up.
+    """
+    cos_p, sin_p, cos_r, sin_r, cos_h, sin_h = turn
+    x, y, z = vector[0], vector[1], vector[2]
+    y, z = cos_r * y - sin_r * z, sin_r * y + cos_r * z
+    x, z = cos_p * x + sin_p * z, -sin_p * x + cos_p * z
+    # ego x is forward, y left; the world has y south, so left is (sin, -cos)
+    return cos_h * x + sin_h * y, sin_h * x - cos_h * y, z
+
+
+@leaf_kernel
 def camera_view(
     ego: Ego,
     pitch_rad: float,
@@ -106,31 +121,15 @@ def camera_view(
     cos_p, sin_p = math.cos(pitch_rad), math.sin(pitch_rad)
     cos_r, sin_r = math.cos(roll_rad), math.sin(roll_rad)
     cos_h, sin_h = math.cos(ego.heading), math.sin(ego.heading)
-    turned = np.empty((4, 3))
-    for k in range(4):
-        if k < 3:
-            x, y, z = axes[k, 0], axes[k, 1], axes[k, 2]
-        else:
-            x, y, z = place[0], place[1], place[2]
-        y, z = cos_r * y - sin_r * z, sin_r * y + cos_r * z
-        x, z = cos_p * x + sin_p * z, -sin_p * x + cos_p * z
-        # ego x is forward, y left; the world has y south, so left is (sin, -cos)
-        turned[k, 0] = cos_h * x + sin_h * y
-        turned[k, 1] = sin_h * x - cos_h * y
-        turned[k, 2] = z
-    turned[3, 0] += ego.x
-    turned[3, 1] += ego.y
+    turn = (cos_p, sin_p, cos_r, sin_r, cos_h, sin_h)
+    dx, dy, z = to_world(turn, place)
     return View(
         height,
         width,
         intrinsics[0, 0],
         intrinsics[0, 2],
         intrinsics[1, 2],
-        (
-            (turned[0, 0], turned[0, 1], turned[0, 2]),
-            (turned[1, 0], turned[1, 1], turned[1, 2]),
-            (turned[2, 0], turned[2, 1], turned[2, 2]),
-        ),
+        (to_world(turn, axes[0]), to_world(turn, axes[1]), to_world(turn, axes[2])),
         # a camera low at the end of a long car would dip into the ground when braking
-        (turned[3, 0], turned[3, 1], max(turned[3, 2], LOWEST_M)),
+        (dx + ego.x, dy + ego.y, max(z, LOWEST_M)),
     )

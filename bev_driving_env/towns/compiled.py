@@ -21,6 +21,7 @@ from .solids import Solids, index_solids
 
 if TYPE_CHECKING:
     from ..kernels.scenery import Scenery
+    from .traffic import TrafficMap
 
 RULES_PX_PER_M = 10.0
 """Resolution at which the rules see the road, whatever the resolution of the BEV."""
@@ -114,6 +115,7 @@ class CompiledTown:
     _furniture: dict[bool, tuple[Prop, ...]] = field(default_factory=dict, repr=False)
     _solids: dict[bool, Solids] = field(default_factory=dict, repr=False)
     _scenery: dict[bool, Scenery] = field(default_factory=dict, repr=False)
+    _traffic: dict[bool, TrafficMap] = field(default_factory=dict, repr=False)
     _rasters: dict[tuple[float, float], Raster] = field(default_factory=dict, repr=False)
 
     def __reduce__(self) -> Any:
@@ -161,6 +163,14 @@ class CompiledTown:
 
             self._scenery[dense] = build_scenery(self, self.furniture(dense=dense))
         return self._scenery[dense]
+
+    def traffic(self, *, dense: bool = False) -> TrafficMap:
+        """Where vehicles and pedestrians move, found on first use."""
+        if dense not in self._traffic:
+            from .traffic import build_traffic_map
+
+            self._traffic[dense] = build_traffic_map(self, dense=dense)
+        return self._traffic[dense]
 
     @functools.cached_property
     def ground(self) -> Ground:

@@ -10,6 +10,7 @@ from ..checks import is_number, require_count, require_positive
 from ..frames import BEVGeometry
 from ..kernels.layout import Physics
 from .infractions import INFRACTIONS, bits_of
+from .traffic import TrafficConfig
 
 
 def _require_all_positive(owner: Any) -> None:
@@ -97,6 +98,7 @@ class WorldConfig:
         time_limit_s: Simulated time after which an episode is truncated; None gives each route
             30 s plus 0.8 s a metre (the CARLA Leaderboard's pace).
         dense_furniture: Whether more stands beside the roads than usual (``hard`` appearance).
+        traffic: Other road users.
         vehicle: The ego car.
         rules: Thresholds of the infractions.
         reward: Weights of the reward.
@@ -109,6 +111,7 @@ class WorldConfig:
     terminate_on: tuple[str, ...] = tuple(INFRACTIONS)
     time_limit_s: float | None = None
     dense_furniture: bool = False
+    traffic: TrafficConfig = field(default_factory=TrafficConfig)
     vehicle: VehicleModel = field(default_factory=VehicleModel)
     rules: Rules = field(default_factory=Rules)
     reward: RewardWeights = field(default_factory=RewardWeights)

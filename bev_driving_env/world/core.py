@@ -14,14 +14,23 @@ from numpy.typing import NDArray
 from ..bev import BEVRenderer
 from ..frames import CHANNELS
 from ..kernels.jit import announce_compilation, drop_stale_caches
-from ..kernels.layout import REWARD_TERMS, ROUTE_DONE, ROUTE_POSITION
-from ..kernels.step import step_worlds
+from ..kernels.layout import (
+    INVOLVED_PEDESTRIAN,
+    INVOLVED_SIGNAL,
+    INVOLVED_VEHICLE,
+    REWARD_TERMS,
+    ROUTE_DONE,
+    ROUTE_POSITION,
+)
+from ..kernels.step import Ground, step_worlds
 from ..towns.compiled import CompiledTown
 from ..towns.plan import sparse_plan
 from ..towns.route import Route
 from .config import WorldConfig
+from .fault import EGO, pedestrian_fault, vehicle_fault
 from .infractions import InfractionEvent, bits_of, names_of
 from .state import WorldState
+from .streets import Streets
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -56,7 +65,12 @@ class World:
     def __init__(self, town: CompiledTown, config: WorldConfig, worlds: int = 1) -> None:
         self.town = town
         self.config = config
-        self.state = WorldState.empty(worlds, signals=len(town.signals))
+        self.state = WorldState.empty(
+            worlds,
+            vehicles=config.traffic.vehicles,
+            pedestrians=config.traffic.pedestrians,
+            signals=len(town.signals),
+        )
         self.routes: list[Route | None] = [None] * worlds
         self.episode_ids = [""] * worlds
         self.events: list[tuple[InfractionEvent, ...]] = [()] * worlds
@@ -70,10 +84,8 @@ class World:
         self._everyone = np.ones(worlds, np.bool_)
         drop_stale_caches()
         with announce_compilation():
-            # the rules must not depend on how finely the view is drawn
-            self._classes = town.classes()
-            self._directions = town.directions
-            self._solids = town.solids(dense=config.dense_furniture)
+            self._ground = _ground(town, dense=config.dense_furniture)
+            self._streets = Streets(town, config) if config.traffic.moves else None
             self._renderer = BEVRenderer(town, config.bev)
             self._warm_up()
 
@@ -103,6 +115,8 @@ class World:
         self.state.ego[world, :3] = *points[0, :2], math.atan2(points[0, 3], points[0, 2])
         limit_s = self.config.time_limit_for(route.length_m)
         self.state.time_limit[world] = max(1, round(limit_s * self.config.control_hz))
+        if self._streets is not None:
+            self._streets.fill(self.state, world, route)
         self.routes[world] = route
         self.episode_ids[world] = episode_id
         self.events[world] = ()
@@ -122,18 +136,17 @@ class World:
             running: (N,) bool, all if None.
         """
         state = self.state
+        running = self._everyone if running is None else running
+        self.step_traffic(running)
         step_worlds(
             self._physics,
-            self._classes.pixels,
-            self._classes.grid,
-            self._directions.pixels,
-            self._directions.grid,
-            self._solids.boxes,
-            self._solids.cell_start,
-            self._solids.cell_items,
-            self._solids.grid,
-            self._everyone if running is None else running,
+            self._ground,
+            running,
             actions,
+            state.vehicles,
+            state.pedestrians,
+            state.signals,
+            state.waiting,
             state.ego,
             state.command,
             state.route_points,
@@ -142,6 +155,8 @@ class World:
             state.route_length,
             state.progress,
             state.timers,
+            state.travelled,
+            state.involved,
             state.attitude,
             state.holding,
             state.steps,
@@ -155,14 +170,43 @@ class World:
             for world in np.flatnonzero(self.began):
                 self._log(int(world))
 
+    def step_traffic(self, running: NDArray[np.bool_] | None = None) -> None:
+        """Advance all but the egos by one control step; a part of ``step``.
+
+        Args:
+            running: (N,) bool, all if None.
+        """
+        if self._streets is not None:
+            self._streets.step(self.state, self._everyone if running is None else running)
+
     def _log(self, world: int) -> None:
         x, y, heading, speed = self.state.ego[world].tolist()
         time_s = float(self.state.steps[world]) * self.config.step_s
         route_m = float(self.state.progress[world, ROUTE_DONE])
         self.events[world] += tuple(
-            InfractionEvent(name, time_s, x, y, heading, speed, route_m)
+            InfractionEvent(name, time_s, x, y, heading, speed, route_m, *self._blame(world, name))
             for name in names_of(int(self.began[world]))
         )
+
+    def _blame(self, world: int, name: str) -> tuple[str, str]:
+        """The other party of an infraction that has just begun, and who was at fault."""
+        state, ego = self.state, self.state.ego[world].tolist()
+        involved = state.involved[world].tolist()
+        if name == "collision_vehicle":
+            number = involved[INVOLVED_VEHICLE]
+            other = state.vehicles[world, number].tolist()
+            return f"vehicle {number}", vehicle_fault(ego, self.config.vehicle.length_m, other)
+        if name == "collision_pedestrian":
+            return f"pedestrian {involved[INVOLVED_PEDESTRIAN]}", pedestrian_fault(ego)
+        return f"signal {involved[INVOLVED_SIGNAL]}" if name == "red_light" else "", EGO
+
+    def allowance(self, world: int) -> float:
+        """How much the traffic around takes off a careful driver's acceleration, in m/s^2.
+
+        That is the ego's IDM interaction with leaders, signals, junctions and people on crossings,
+        by the rules that the other vehicles keep to; 0 where nothing is in the way.
+        """
+        return 0.0 if self._streets is None else self._streets.allowance(self.state, world)
 
     def terminated(self) -> NDArray[np.bool_]:
         """(N,) whether the last step ended a world: success or a terminating infraction."""
@@ -224,3 +268,19 @@ class World:
         for rng, state in zip(self.rngs, snapshot.rng_states, strict=True):
             rng.bit_generator.state = copy.deepcopy(state)
         self._forget_last_step(slice(None))
+
+
+def _ground(town: CompiledTown, *, dense: bool) -> Ground:
+    """What the rules see of a town, which must not depend on how finely the view is drawn."""
+    classes, directions, solids = town.classes(), town.directions, town.solids(dense=dense)
+    return Ground(
+        classes=classes.pixels,
+        classes_grid=classes.grid,
+        directions=directions.pixels,
+        directions_grid=directions.grid,
+        solids=solids.boxes,
+        solid_start=solids.cell_start,
+        solid_items=solids.cell_items,
+        solid_grid=solids.grid,
+        stop_lines=town.stop_lines,
+    )

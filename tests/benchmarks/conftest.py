@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict
+from typing import Any
 
 import pytest
 
 from benchmarks.drive import EpisodeResult
-from benchmarks.suites import Job
+from benchmarks.suites import Conditions, Job
 
 
 @pytest.fixture
@@ -21,6 +23,7 @@ def make_result() -> Callable[..., EpisodeResult]:
             "agent": changes.pop("agent", "expert"),
             "seed": changes.pop("seed", 0),
             "appearance": "train",
+            "conditions": asdict(changes.pop("conditions", Conditions())),
         }
         row = {
             "job": job,
@@ -38,8 +41,30 @@ def make_result() -> Callable[..., EpisodeResult]:
             "failure": "",
             "error": "",
             "trajectory": [[0.0, -2.0], [10.0, -2.0]],
+            "events": [],
+            "travelled_m": 100.0,
+            "outside_m": 0.0,
         }
         return EpisodeResult.from_dict({**row, **changes})
+
+    return make
+
+
+@pytest.fixture
+def make_event() -> Callable[..., dict[str, Any]]:
+    def make(name: str, fault: str = "ego", **changes: object) -> dict[str, Any]:
+        event = {
+            "name": name,
+            "time_s": 5.0,
+            "x": 10.0,
+            "y": -2.0,
+            "heading": 0.0,
+            "speed_mps": 4.0,
+            "route_m": 20.0,
+            "actor": "",
+            "fault": fault,
+        }
+        return {**event, **changes}
 
     return make
 

@@ -2,11 +2,15 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from PIL import Image
 
 from benchmarks.cli import main
+from benchmarks.run_command import RunOptions
+from benchmarks.suites import SUITES
 
 
 def test_the_paper_suite_writes_table_rows_and_maps(tmp_path, capsys):
@@ -32,6 +36,71 @@ def test_the_paper_suite_writes_table_rows_and_maps(tmp_path, capsys):
             assert min(image.size) > 400
 
 
+@pytest.fixture
+def short_suite_town(monkeypatch):
+    """Suite ``town`` on the short episodes and without signals."""
+    suite = SUITES["town"]
+    conditions = replace(suite.conditions, traffic_lights=False)
+    monkeypatch.setitem(SUITES, "town", replace(suite, routes="episode", conditions=conditions))
+
+
+@pytest.mark.usefixtures("short_suite_town")
+def test_suite_town_prints_the_leaderboards_table_and_keeps_what_ended_nothing(
+    tmp_path, monkeypatch, capsys
+):
+    (tmp_path / "toy_straight_driver.py").write_text(
+        "import numpy as np\n"
+        "class Driver:\n"
+        "    def __init__(self, env): pass\n"
+        "    def reset(self, seed): pass\n"
+        "    def act(self, observation): return np.array([0.3, 0.0], np.float32)\n",
+        encoding="utf-8",
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    out = tmp_path / "out"
+    arguments = ["run", "--suite", "town", "--traffic", "none", "--town", "Town02"]
+    arguments += ["--agent", "expert", "toy_straight_driver:Driver", "--workers", "1"]
+    assert main([*arguments, "--out", str(out)]) == 0
+    header, _, expert, straight, *_ = capsys.readouterr().out.splitlines()
+    written = (out / "table.md").read_text(encoding="utf-8")
+    assert written.startswith("\n".join((header, "")))
+    assert "Suite `town`, traffic `none`." in written
+    assert "DS 2.1" in header
+    cells = [cell.strip() for cell in expert.split("|")[1:-1]]
+    assert cells[:7] == ["ground_truth", "expert", "Town02", "100.0", "100.0", "100.0", "1.000"]
+    assert set(cells[7:]) == {"0"}
+    cells = [cell.strip() for cell in straight.split("|")[1:-1]]
+    assert 0.0 < float(cells[3]) < 100.0
+    content = json.loads((out / "results.json").read_text(encoding="utf-8"))
+    rows = [row for row in content["episodes"] if row["agent"] != "expert"]
+    assert all(row["traffic"] == "none" for row in rows)
+    # some episodes went on after their first infraction
+    assert any(event["time_s"] < row["time_s"] - 1.0 for row in rows for event in row["events"])
+    identity = json.loads((out / "run.json").read_text(encoding="utf-8"))["identity"]
+    assert identity["traffic"] == "none"
+
+
+def options_of(traffic: str | None) -> RunOptions:
+    return RunOptions(
+        suite="town",
+        bev=("ground_truth",),
+        agent=("expert",),
+        town=("Town01",),
+        seed=(0,),
+        out=Path("runs"),
+        workers=1,
+        overwrite=False,
+        video=False,
+        traffic=traffic,
+    )
+
+
+def test_a_run_is_the_same_by_its_traffic_whether_asked_for_or_the_suites_own():
+    assert options_of(None).identity == options_of("light").identity
+    assert options_of(None).identity["traffic"] == "light"
+    assert options_of("dense").identity != options_of("light").identity
+
+
 def test_the_same_command_again_drives_nothing_and_another_one_is_refused(tmp_path, capsys):
     arguments = ["run", "--town", "Town02", "--out", str(tmp_path), "--workers", "1"]
     assert main(arguments) == 0
@@ -49,6 +118,9 @@ def test_the_same_command_again_drives_nothing_and_another_one_is_refused(tmp_pa
     ("arguments", "names"),
     [
         (["run", "--suite", "nowhere", "--out", "x"], ["nowhere", "paper"]),
+        (["run", "--suite", "town", "--traffic", "heavy", "--out", "x"], ["heavy", "dense"]),
+        (["run", "--traffic", "light", "--out", "x"], ["--traffic light", "paper", "town"]),
+        (["run", "--traffic", "none", "--out", "x"], ["--traffic none", "paper", "town"]),
         (["run", "--bev", "xray", "--out", "x"], ["xray", "ground_truth"]),
         (["run", "--agent", "chauffeur", "--out", "x"], ["chauffeur", "expert"]),
         (["run", "--agent", "no_such_module:f", "--out", "x"], ["no_such_module"]),

@@ -29,7 +29,7 @@ def test_each_source_gets_a_colour_along_its_trajectory(make_result):
     assert at(image, (250.0, 330.6), 1000) == list(PALETTE[1])
 
 
-def test_completed_ends_are_white_and_infractions_carry_an_arrow(make_result):
+def test_completed_ends_are_white_and_infractions_carry_an_arrow(make_result, make_event):
     done = make_result(trajectory=[[200.0, -2.0], [300.0, -2.0]])
     stopped = make_result(
         index=1,
@@ -38,12 +38,28 @@ def test_completed_ends_are_white_and_infractions_carry_an_arrow(make_result):
         infractions=1,
         infraction="off_road",
         infraction_pose=(300.0, 330.6, 0.0),
+        events=[make_event("off_road", x=300.0, y=330.6, heading=0.0)],
     )
     image = draw_trajectories("Town01", [done, stopped], width_px=1000)
     assert at(image, (300.0, -2.0), 1000) == [255, 255, 255]
     assert at(image, (300.0, 330.6), 1000) == list(PALETTE[0])
     # the arrow's head reaches beyond the end of the line
     assert at(image, (301.5, 330.6), 1000) == list(PALETTE[0])
+
+
+def test_infractions_that_ended_nothing_carry_arrows_too(make_result, make_event):
+    places = (220.0, 260.0)
+    result = make_result(
+        trajectory=[[200.0, -2.0], [300.0, -2.0]],
+        infractions=2,
+        events=[make_event("red_light", x=x, y=-2.0) for x in places],
+    )
+    image = draw_trajectories("Town01", [result], width_px=1000)
+    # where the line alone is too thin to reach
+    for x in places:
+        assert at(image, (x - 1.5, -0.7), 1000) == list(PALETTE[0])
+    assert at(image, (240.0, -0.7), 1000) != list(PALETTE[0])
+    assert at(image, (300.0, -2.0), 1000) == [255, 255, 255]
 
 
 def test_the_png_carries_its_provenance_and_is_small(make_result):

@@ -342,7 +342,7 @@ SOURCES = {
     ),
     "batched": Batch,
 }
-GEOMETRY = bev_driving_env.BEVTownEnv("Town02", **SMALL).settings.world_config().bev
+GEOMETRY = bev_driving_env.BEVTownEnv("Town02", **SMALL).world.config.bev
 
 
 @pytest.mark.parametrize("source", list(SOURCES))

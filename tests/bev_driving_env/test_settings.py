@@ -6,6 +6,7 @@ import pytest
 import bev_driving_env
 from bev_driving_env.frames import BEVGeometry
 from bev_driving_env.settings import EnvSettings
+from bev_driving_env.towns.registry import compiled_town
 from bev_driving_env.world.infractions import INFRACTIONS
 
 
@@ -19,7 +20,7 @@ def test_defaults_are_those_of_the_contract():
     assert settings.camera_size == (112, 240)
     assert settings.camera_motion is True
     assert settings.max_speed_mps == 6.0
-    assert set(settings.world_config().terminate_on) == set(INFRACTIONS)
+    assert set(settings.world_config(compiled_town("Town01")).terminate_on) == set(INFRACTIONS)
 
 
 @pytest.mark.parametrize(
@@ -52,9 +53,13 @@ def test_appearance_is_a_name_or_a_seed(appearance):
         ("bev_source", {"default": "perfect"}, r"'perfect'.*ground_truth"),
         ("bev_source", {"raod": "ground_truth"}, r"'raod'.*road, route, lane.*default"),
         ("bev_source", {"road": "ground_truth"}, r"'route'.*default"),
-        ("traffic", "dense", r"traffic='dense'.*not available.*none"),
-        ("traffic", {"vehicles": 3}, r"traffic=\{'vehicles': 3\}.*not available.*none"),
-        ("traffic_lights", True, r"traffic_lights=True.*not available"),
+        ("traffic", "heavy", r"traffic must be.*'none', 'light', 'dense'.*'heavy'"),
+        ("traffic", {"cars": 3}, r"keys vehicles and pedestrians.*'cars'"),
+        ("traffic", {"vehicles": -3}, r"vehicles must be.*-3"),
+        ("traffic", {"vehicles": 3000}, r"Town01 has room for \d+ vehicles, got 3000"),
+        ("traffic", {"pedestrians": 30000}, r"Town01 has room for \d+ pedestrians, got 30000"),
+        ("traffic", 7, r"traffic must be.*got 7"),
+        ("traffic_lights", "on", r"traffic_lights must be True or False.*'on'"),
         ("cameras", 1, r"cameras must be True or False, got 1"),
         ("camera_rig", (), r"rig needs a tuple of Camera.*\(\)"),
         ("camera_rig", ("front",), r"rig needs a tuple of Camera.*front"),

@@ -57,16 +57,21 @@ class Scene:
         self.renderer = CameraRenderer(town, settings, (5.0, 2.0))
         self.signals = len(scenery.signals)
 
-    def see(self, pose=EAST, vehicles=(), signals=(), seed=0):
+    def see(self, pose=EAST, vehicles=(), signals=(), seed=0, *, people=(), look=None, step=0):
         rows = np.array([(*v, 0.0, *VEHICLE) if len(v) == 3 else v for v in vehicles])
-        state = WorldState.empty(1, vehicles=len(rows), signals=self.signals)
+        state = WorldState.empty(
+            1, vehicles=len(rows), pedestrians=len(people), signals=self.signals
+        )
         state.ego[0, :3] = pose
         state.episode_seed[0] = seed
+        state.steps[0] = step
+        if len(people):
+            state.pedestrians[0] = people
         if len(rows):
             state.vehicles[0] = rows
         if len(signals):
             state.signals[0] = signals
-        return self.renderer.render(state, 0)
+        return self.renderer.render(state, 0, look)
 
     def project(self, camera, points, pose=EAST):
         """Pixels (n, 2) of world points (n, 3), and their depths, by the pinhole alone."""
@@ -187,6 +192,110 @@ def test_with_the_pose_the_picture_turns(empty):
         middle, _ = empty.project(FRONT, np.array([[*place[:2], 0.75]]), pose)
         assert columns.mean() == pytest.approx(middle[0, 0], abs=6.0)
         assert rows.mean() == pytest.approx(middle[0, 1], abs=8.0)
+
+
+# --- kinds of actors -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("length", "width", "height"), [(4.2, 1.8, 1.5), (5.6, 2.0, 2.15), (7.0, 2.45, 3.0)]
+)
+def test_cars_vans_and_trucks_are_as_high_as_their_length_says(empty, length, width, height):
+    for place in ((56.0, 2.0, 0.0), (58.0, -2.0, np.pi), (54.0, 5.0, 1.2)):
+        alone, seen = empty.see(), empty.see(vehicles=[(*place, 5.0, length, width)])
+        changed = differing(alone, seen)[FRONT]
+        box = (*place, length, width + 0.04, height)
+        assert not changed[~empty.outline(FRONT, box, 2)].any()
+        lower = empty.outline(FRONT, (*place, length, width, height - 0.35), 0)
+        assert (changed & ~lower).sum() > 50
+
+
+def test_a_standing_vehicle_shows_its_brake_lights_and_a_moving_one_does_not(empty):
+    place = (50.0, 2.0, 0.0)
+    standing, moving = (
+        empty.see(vehicles=[(*place, speed, *VEHICLE)])[FRONT].astype(int) for speed in (0.0, 5.0)
+    )
+    rows, columns = np.nonzero(differing(standing, moving))
+    assert 10 < len(rows) < 200
+    assert (standing - moving)[rows, columns, 0].mean() > 30
+    # at its rear, one on each side
+    ends = np.array([[50.0 - VEHICLE[0] / 2.0, 2.0 + side * 0.72 * 0.95, 0.74] for side in (-1, 1)])
+    lamps, _ = empty.project(FRONT, ends)
+    distance = np.hypot(*(np.column_stack([columns, rows])[:, None] - lamps).transpose(2, 0, 1))
+    assert distance.min(axis=1).max() < 9.0
+    assert distance.min(axis=0).max() < 2.0
+
+
+def test_the_episode_decides_the_paint_of_a_vehicle_and_the_clothes_of_a_person(empty):
+    look = draw_look("train", 0, 4, condition=PLAIN)
+    vehicle, person = (52.0, 2.0, 0.0), (46.0, 5.0, 0.0, 0.0, 0.5, 0.5)
+
+    def colours(seed, step=0):
+        image = empty.see(vehicles=[vehicle], people=[person], seed=seed, look=look, step=step)
+        points = np.array([[52.0 - VEHICLE[0] / 2.0, 2.0, 0.6], [46.0, 5.0, 1.15]])
+        pixels, _ = empty.project(FRONT, points)
+        return tuple(tuple(image[FRONT, round(v), round(u)].tolist()) for u, v in pixels)
+
+    seen = [colours(seed) for seed in range(24)]
+    assert len({paint for paint, _ in seen}) >= 5
+    assert len({clothes for _, clothes in seen}) >= 5
+    assert [colours(seed, step=9) for seed in range(24)] == seen
+
+
+def extent(scene, mask, camera, x, pose=EAST):
+    """Lowest and highest z, and the breadth across the view, of what is seen at some x."""
+    pixels, _ = scene.project(camera, np.array([[x, pose[1], 0.0], [x, pose[1], 1.0]]), pose)
+    px_per_m = pixels[0, 1] - pixels[1, 1]
+    rows, columns = np.nonzero(mask[camera])
+    return (
+        (pixels[0, 1] - rows.max()) / px_per_m,
+        (pixels[0, 1] - rows.min()) / px_per_m,
+        (columns.max() - columns.min() + 1) / px_per_m,
+    )
+
+
+@pytest.mark.parametrize(("width", "least", "most"), [(0.35, 1.1, 1.35), (0.6, 1.7, 1.95)])
+def test_people_are_as_tall_as_their_footprint_says(empty, width, least, most):
+    heights = []
+    for seed in range(12):
+        seen = empty.see(people=[(47.0, 2.0, np.pi / 2, 0.0, width, width)], seed=seed)
+        low, high, _ = extent(empty, differing(seen, empty.see(seed=seed)), FRONT, 47.0)
+        assert low == pytest.approx(0.0, abs=0.06)
+        assert least - 0.08 < high < most + 0.08
+        heights.append(high)
+    assert max(heights) - min(heights) > 0.08
+
+
+def test_legs_swing_with_the_metres_walked_and_stand_still_without(empty):
+    breadths = {1.3: [], 0.0: []}
+    for speed, found in breadths.items():
+        for walked in np.arange(0.0, 1.5, 0.05):
+            person = (47.0, 1.0 + walked, np.pi / 2, speed, 0.5, 0.5)
+            changed = differing(empty.see(people=[person]), empty.see())
+            # the shins
+            pixels, _ = empty.project(FRONT, np.array([[47.0, 2.0, 0.15]]))
+            changed[:, : round(pixels[0, 1])] = False
+            found.append(extent(empty, changed, FRONT, 47.0)[2])
+    assert max(breadths[1.3]) - min(breadths[1.3]) > 0.4
+    assert max(breadths[0.0]) - min(breadths[0.0]) < 0.1
+    # the stance depends on the place alone
+    person = (47.0, 1.35, np.pi / 2, 1.3, 0.5, 0.5)
+    np.testing.assert_array_equal(empty.see(people=[person]), empty.see(people=[person], step=31))
+
+
+def test_of_actors_beside_and_behind_a_house_the_part_beside_it_is_seen(empty, blocked):
+    house = differing(empty.see(), blocked.see())[FRONT]
+    partly = 0
+    for y in np.arange(-8.0, 12.0, 0.5):
+        actors = {
+            "vehicles": [(70.0, y, 0.3, 5.0, 7.0, 2.4)],
+            "people": [(60.0, y, 0.0, 1.0, 0.5, 0.5)],
+        }
+        free = differing(empty.see(**actors), empty.see())[FRONT]
+        seen = differing(blocked.see(**actors), blocked.see())[FRONT]
+        assert (seen != (free & ~house)).sum() <= 2
+        partly += (free & house).any() and (free & ~house).any()
+    assert partly > 5
 
 
 # --- signals -------------------------------------------------------------------------------------

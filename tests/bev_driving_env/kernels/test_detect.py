@@ -1,16 +1,30 @@
+import itertools
 import math
 
 import numpy as np
 import pytest
 
+from bev_driving_env.frames import footprint
 from bev_driving_env.kernels.detect import (
+    NONE,
+    actor_hit,
     is_against_traffic,
     is_deviating,
     is_off_road,
     is_standing,
     raster_value,
+    red_line_crossed,
 )
-from bev_driving_env.kernels.layout import NO_LANE, ROAD_BIT, SIDEWALK_BIT, RasterGrid
+from bev_driving_env.kernels.layout import (
+    NO_LANE,
+    ROAD_BIT,
+    SIDEWALK_BIT,
+    SIGNAL_GREEN,
+    SIGNAL_OFF,
+    SIGNAL_RED,
+    SIGNAL_YELLOW,
+    RasterGrid,
+)
 
 GRID = RasterGrid(-10.0, -10.0, 40.0)
 LENGTH_M, WIDTH_M = 5.0, 2.0
@@ -114,3 +128,143 @@ def test_deviation_and_standing_begin_beyond_their_thresholds():
     assert is_deviating(3.51, 3.5)
     assert is_standing(np.array([0.0, 0.0, 0.0, 0.09]), 0.1)
     assert not is_standing(np.array([0.0, 0.0, 0.0, 0.11]), 0.1)
+
+
+def clearance(one, other):
+    """Widest gap between two convex polygons (4, 2) on any side's axis; negative: they overlap."""
+    widest = -math.inf
+    for corners in (one, other):
+        for x, y in np.roll(corners, -1, axis=0) - corners:
+            axis = np.array([-y, x]) / math.hypot(x, y)
+            a, b = one @ axis, other @ axis
+            widest = max(widest, a.min() - b.max(), b.min() - a.max())
+    return widest
+
+
+def random_actors(rng, count):
+    """Rows (count, 6) around the origin, of any size, heading and speed."""
+    rows = np.empty((count, 6))
+    rows[:, :2] = rng.uniform(-6.0, 6.0, (count, 2))
+    rows[:, 2], rows[:, 3] = rng.uniform(-7.0, 7.0, count), rng.uniform(0.0, 9.0, count)
+    rows[:, 4:] = rng.uniform(0.3, 7.0, (count, 2))
+    return rows
+
+
+def hit(ego, actors):
+    return actor_hit(np.array([*ego, 3.0]), LENGTH_M / 2.0, WIDTH_M / 2.0, actors)
+
+
+def test_actors_are_hit_where_no_axis_separates_their_footprint_from_the_egos():
+    rng = np.random.default_rng(0)
+    seen = []
+    for row in random_actors(rng, 3000):
+        ego = *rng.uniform(-3.0, 3.0, 2), rng.uniform(-7.0, 7.0)
+        gap = clearance(footprint(ego, LENGTH_M, WIDTH_M), footprint(row[:3], row[4], row[5]))
+        if abs(gap) > 1e-9:
+            assert hit(ego, row[None]) == (0 if gap < 0.0 else NONE)
+            seen.append(gap < 0.0)
+    assert 0.2 < np.mean(seen) < 0.8
+
+
+def test_the_first_actor_that_is_hit_is_named_and_empty_slots_are_skipped():
+    rng = np.random.default_rng(1)
+    numbers = []
+    for _ in range(400):
+        actors = random_actors(rng, 6) * [3.0, 3.0, 1.0, 1.0, 1.0, 1.0]
+        actors[rng.random(6) < 0.3, 4] = 0.0
+        car = footprint((0.0, 0.0, 0.4), LENGTH_M, WIDTH_M)
+        touched = [
+            k
+            for k, row in enumerate(actors)
+            if row[4] > 0.0 and clearance(car, footprint(row[:3], row[4], row[5])) < 0.0
+        ]
+        assert hit((0.0, 0.0, 0.4), actors) == (touched[0] if touched else NONE)
+        numbers.append(touched[0] if touched else NONE)
+    assert set(numbers) == set(range(-1, 6))
+
+
+def test_nobody_is_hit_where_nobody_is():
+    assert hit((0.0, 0.0, 0.0), np.zeros((0, 6))) == NONE
+    assert hit((0.0, 0.0, 0.0), np.zeros((4, 6))) == NONE
+
+
+def test_the_gap_between_bumpers_decides():
+    # a car of 4 m ahead: bumpers touch at 2.5 + 2 m between the centres
+    for gap, number in [(0.01, NONE), (-0.01, 0)]:
+        ahead = np.array([[4.5 + gap, 0.0, math.pi, 0.0, 4.0, 1.8]])
+        beside = np.array([[0.0, 1.9 + gap, 0.0, 0.0, 4.0, 1.8]])
+        assert hit((0.0, 0.0, 0.0), ahead) == number
+        assert hit((0.0, 0.0, 0.0), beside) == number
+
+
+def segments_cross(a, b, c, d):
+    """Whether the segments a-b and c-d cross, and how near their ends that was decided."""
+
+    def side(p, q, r):
+        return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
+
+    sides = side(a, b, c), side(a, b, d), side(c, d, a), side(c, d, b)
+    crosses = sides[0] * sides[1] < 0.0 and sides[2] * sides[3] < 0.0
+    return crosses, min(abs(value) for value in sides)
+
+
+def test_a_red_line_is_crossed_where_the_way_of_the_bumper_cuts_it_in_driving_direction():
+    rng = np.random.default_rng(2)
+    seen = []
+    for _ in range(3000):
+        middle, heading = rng.uniform(-2.0, 2.0, 2), rng.uniform(-math.pi, math.pi)
+        right = np.array([-math.sin(heading), math.cos(heading)])
+        half = 1.6 * right
+        line = np.concatenate([middle - half, middle + half])[None]
+        before, after = rng.uniform(-3.0, 3.0, (2, 2))
+        # all of the lane counts, which is a quarter wider than its line
+        crosses, margin = segments_cross(before, after, middle - 1.25 * half, middle + 1.25 * half)
+        if margin < 1e-9:
+            continue
+        forwards = (after - before) @ [math.cos(heading), math.sin(heading)] > 0.0
+        signals = np.array([SIGNAL_RED], np.uint8)
+        found = red_line_crossed(line, signals, *before, *after)
+        assert found == (0 if crosses and forwards else NONE)
+        seen.append((bool(crosses), bool(forwards)))
+    assert set(seen) == {(a, b) for a in (True, False) for b in (True, False)}
+
+
+LINE = np.array([[10.0, 0.4, 10.0, 3.6]])
+"""The stop line of a lane of 4 m that leads east along y = 2."""
+
+
+@pytest.mark.parametrize("light", [SIGNAL_OFF, SIGNAL_GREEN, SIGNAL_YELLOW])
+def test_only_red_forbids_to_cross_a_line(light):
+    assert red_line_crossed(LINE, np.array([SIGNAL_RED], np.uint8), 9.9, 2.0, 10.2, 2.0) == 0
+    assert red_line_crossed(LINE, np.array([light], np.uint8), 9.9, 2.0, 10.2, 2.0) == NONE
+
+
+@pytest.mark.parametrize(("y", "number"), [(-0.05, NONE), (0.05, 0), (3.95, 0), (4.05, NONE)])
+def test_all_of_the_lane_is_behind_its_line_and_nothing_of_the_next_lane(y, number):
+    red = np.array([SIGNAL_RED], np.uint8)
+    assert red_line_crossed(LINE, red, 9.9, y, 10.2, y) == number
+
+
+@pytest.mark.parametrize("step_m", [0.05, 0.25, 0.3, 2.0])
+def test_a_drive_crosses_a_line_once_however_its_steps_fall(step_m):
+    red = np.array([SIGNAL_RED], np.uint8)
+    # 10 is a multiple of some of the steps: a bumper right on the line has crossed it
+    xs = np.arange(0.0, 20.0, step_m)
+    found = [red_line_crossed(LINE, red, a, 2.0, b, 2.0) for a, b in itertools.pairwise(xs)]
+    assert found.count(0) == 1
+    assert abs(xs[found.index(0) + 1] - 10.0) <= step_m
+
+
+def test_standing_before_or_on_a_red_line_does_not_cross_it():
+    red = np.array([SIGNAL_RED], np.uint8)
+    for x in (9.99, 10.0, 10.01):
+        assert red_line_crossed(LINE, red, x, 2.0, x, 2.0) == NONE
+
+
+def test_of_several_lines_the_red_one_that_is_crossed_is_named():
+    lines = np.array([[10.0, 3.6, 10.0, 0.4], [30.0, 0.4, 30.0, 3.6], [10.0, 0.4, 10.0, 3.6]])
+    signals = np.array([SIGNAL_RED] * 3, np.uint8)
+    assert red_line_crossed(lines, signals, 9.9, 2.0, 10.2, 2.0) == 2
+    assert red_line_crossed(lines, signals, 10.2, 2.0, 9.9, 2.0) == 0
+    assert red_line_crossed(lines, signals, 29.9, 2.0, 30.2, 2.0) == 1
+    assert red_line_crossed(lines[:0], signals[:0], 29.9, 2.0, 30.2, 2.0) == NONE

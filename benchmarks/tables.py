@@ -1,0 +1,65 @@
+"""The tables of a run as Markdown: the paper's, and the CARLA Leaderboard's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from .results import Score, markdown
+
+LEADERBOARD_KINDS = {
+    "Ped.": "collision_pedestrian",
+    "Vehicle": "collision_vehicle",
+    "Static": "collision_static",
+    "Red": "red_light",
+    "Deviation": "route_deviation",
+    "Blocked": "blocked",
+}
+"""Infraction counted in each column; those outside the lanes count by their metres instead."""
+
+
+def table(scores: Sequence[Score]) -> str:
+    """The paper's table as Markdown: route metres and infractions per town, a row a source."""
+    towns = list(dict.fromkeys(entry.town for entry in scores))
+    drivers = list(dict.fromkeys((entry.bev, entry.agent) for entry in scores))
+    header = ["BEV source", "Agent"]
+    for town in towns:
+        header += [f"{town} route (m)", "Infrac.", "Clean"]
+    planned = {entry.town: entry.planned_m for entry in scores}
+    rows = [["*planned*", ""]]
+    for town in towns:
+        rows[0] += [f"*{planned[town]:.0f}*", "", ""]
+    by_key = {(entry.bev, entry.agent, entry.town): entry for entry in scores}
+    for bev, agent in drivers:
+        row = [bev, agent]
+        for town in towns:
+            entry = by_key.get((bev, agent, town))
+            row += _cells(entry) if entry else ["", "", ""]
+        rows.append(row)
+    return markdown(header, rows)
+
+
+def _cells(entry: Score) -> list[str]:
+    return [
+        f"{entry.route_m:.0f}",
+        f"{entry.infracted}/{entry.episodes}",
+        f"{entry.clean}/{entry.episodes}",
+    ]
+
+
+def leaderboard_table(scores: Sequence[Score]) -> str:
+    """The CARLA Leaderboard's table as Markdown, a row a source, agent and town.
+
+    Driving scores (0 to 100), route completion (%) and infraction penalty (version 2.1, 0 to 1)
+    are means over episodes, so the first is not the product of the others. The rest are counts
+    over all episodes, of what was the ego's fault.
+    """
+    header = ["BEV source", "Agent", "Town", "DS 2.1", "DS 1.0", "Route %", "Penalty"]
+    header += [*LEADERBOARD_KINDS, "Timeout"]
+    rows = []
+    for entry in scores:
+        row = [entry.bev, entry.agent, entry.town]
+        row += [f"{entry.driving_score_2_1:.1f}", f"{entry.driving_score_1_0:.1f}"]
+        row += [f"{entry.route_completion_pct:.1f}", f"{entry.penalty_2_1:.3f}"]
+        row += [str(entry.infractions[name]) for name in LEADERBOARD_KINDS.values()]
+        rows.append([*row, str(entry.timeouts)])
+    return markdown(header, rows, text_columns=3)
