@@ -18,8 +18,10 @@ _CLOSING = 1.0 / (2.0 * math.sqrt(COMFORT_MPS2 * BRAKING_MPS2))
 
 @leaf_kernel
 def idm_free(speed_mps: float, wanted_mps: float) -> float:
-    """Acceleration on an empty road (m/s^2): 3 at standstill, 0 at the wanted speed."""
-    ratio = speed_mps / max(wanted_mps, 0.01)
+    """Acceleration on an empty road (m/s^2): 3 at standstill, 0 at the wanted one; -5 if that is 0."""
+    if wanted_mps <= 0.0:
+        return -BRAKING_MPS2
+    ratio = speed_mps / wanted_mps
     ratio *= ratio
     return COMFORT_MPS2 * (1.0 - ratio * ratio)
 

@@ -31,6 +31,8 @@ ON_ROUTE_RAD = math.radians(60.0)
 """The ego takes part in traffic while it is this near to its route and turned no farther."""
 EGO_BRAKING_MPS2 = 3.5
 """An ego that would have to brake harder to stop at a line is taken to go on."""
+STANDING_MPS, OVER_M = 0.3, 1.5
+"""Standing, it waits at its line even with its bumper this far over it."""
 
 
 class Lineup(NamedTuple):
@@ -163,6 +165,8 @@ def _admit_ego(rails: Rails, lineup: Lineup) -> None:
     i = lineup.rail.shape[0] - 1
     ahead_m = rails.length[lineup.rail[i]] - lineup.station[i] - 0.5 * lineup.length[i]
     needed_m = lineup.speed[i] ** 2 / (2.0 * EGO_BRAKING_MPS2)
+    if lineup.speed[i] < STANDING_MPS:
+        needed_m = -OVER_M  # stopped a little late, it still waits at its line
     lineup.admitted[i] = 1 if ahead_m < needed_m else 0
 
 

@@ -90,6 +90,7 @@ def current_infractions(
     ego: NDArray,
     front_x: float,
     front_y: float,
+    moved_m: float,
     progress: NDArray,
     vehicles: NDArray,
     pedestrians: NDArray,
@@ -107,6 +108,7 @@ def current_infractions(
         ego: (4,).
         front_x: World x of the middle of the front bumper before this physics step.
         front_y: World y of it.
+        moved_m: Metres driven in it.
         progress: (5,).
         vehicles: (V, 6).
         pedestrians: (P, 6).
@@ -121,9 +123,9 @@ def current_infractions(
     rounding_s = 0.5 * dt  # timers add up many small steps
     off_road = is_off_road(ground.classes, ground.classes_grid, ego, half_length, half_width)
     against = is_against_traffic(ground.directions, ground.directions_grid, ego)
-    travelled[TRAVELLED_M] += ego[SPEED] * dt
+    travelled[TRAVELLED_M] += moved_m
     if off_road or against:
-        travelled[OUTSIDE_M] += ego[SPEED] * dt
+        travelled[OUTSIDE_M] += moved_m
     if off_road:
         holding |= OFF_ROAD
     if is_deviating(progress[DISTANCE], physics.deviation_m):
@@ -255,7 +257,7 @@ def step_worlds(
             sway(attitude[n], (car[SPEED] - speed) / physics.dt_s, lateral, physics.dt_s)
             update_progress(car, points, size, route_spacing[n], progress[n])
             now = current_infractions(
-                physics, ground, car, front_x, front_y, progress[n], vehicles[n],
+                physics, ground, car, front_x, front_y, speed * physics.dt_s, progress[n], vehicles[n],
                 pedestrians[n], signals[n], waiting[n], timers[n], travelled[n], involved[n],
             )  # fmt: skip
             began[n] |= now & ~holding[n]

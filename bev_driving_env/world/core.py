@@ -197,7 +197,9 @@ class World:
             other = state.vehicles[world, number].tolist()
             return f"vehicle {number}", vehicle_fault(ego, self.config.vehicle.length_m, other)
         if name == "collision_pedestrian":
-            return f"pedestrian {involved[INVOLVED_PEDESTRIAN]}", pedestrian_fault(ego)
+            number = involved[INVOLVED_PEDESTRIAN]
+            pedestrian = state.pedestrians[world, number].tolist()
+            return f"pedestrian {number}", pedestrian_fault(ego, pedestrian)
         return f"signal {involved[INVOLVED_SIGNAL]}" if name == "red_light" else "", EGO
 
     def allowance(self, world: int) -> float:
@@ -245,6 +247,11 @@ class World:
         """
         if not isinstance(snapshot, WorldSnapshot):
             raise TypeError(f"expected a WorldSnapshot, got {type(snapshot).__name__}")
+        for route in snapshot.routes:
+            if route is not None and route.town.name != self.town.name:
+                raise ValueError(
+                    f"snapshot was taken in {route.town.name}, this environment is {self.town.name}"
+                )
         theirs = dataclasses.replace(snapshot.config, bev=self.config.bev)
         for item in dataclasses.fields(theirs):
             if getattr(theirs, item.name) != getattr(self.config, item.name):
@@ -256,11 +263,6 @@ class World:
             raise ValueError(
                 f"snapshot holds {len(snapshot.routes)} worlds, this environment {len(self)}"
             )
-        for route in snapshot.routes:
-            if route is not None and route.town.name != self.town.name:
-                raise ValueError(
-                    f"snapshot was taken in {route.town.name}, this environment is {self.town.name}"
-                )
         self.state = snapshot.state.copy()
         self.routes = list(snapshot.routes)
         self.episode_ids = list(snapshot.episode_ids)

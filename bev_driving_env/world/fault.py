@@ -16,8 +16,9 @@ ALONG_RAD = math.radians(45.0)
 def vehicle_fault(ego: Sequence[float], ego_length_m: float, other: Sequence[float]) -> str:
     """Who ran into whom.
 
-    Whoever stands is not at fault; of two that drive the same way, the one behind is. Else it
-    cannot be told from their places alone.
+    Whoever stands while the other moves is not at fault; if both have come to a stop, the ego is,
+    for the others stop in time. Of two that drive the same way, the one behind is. Else it cannot
+    be told from their places alone.
 
     Args:
         ego: x, y, heading, speed.
@@ -32,10 +33,10 @@ def vehicle_fault(ego: Sequence[float], ego_length_m: float, other: Sequence[flo
     >>> vehicle_fault((0, 0, 0, 4.0), 5.0, (4.9, 0, 0, 3.0, 5.0, 2.0))
     'ego'
     """
-    if ego[SPEED] < STANDING_MPS:
-        return OTHER
     if other[SPEED] < STANDING_MPS:
         return EGO
+    if ego[SPEED] < STANDING_MPS:
+        return OTHER
     turn = math.remainder(other[HEADING] - ego[HEADING], 2.0 * math.pi)
     if abs(turn) > ALONG_RAD:
         return UNKNOWN
@@ -47,6 +48,7 @@ def vehicle_fault(ego: Sequence[float], ego_length_m: float, other: Sequence[flo
     return EGO if ahead > 0.0 else OTHER
 
 
-def pedestrian_fault(ego: Sequence[float]) -> str:
-    """``"ego"``, unless it stood and was walked into."""
-    return OTHER if ego[SPEED] < STANDING_MPS else EGO
+def pedestrian_fault(ego: Sequence[float], pedestrian: Sequence[float]) -> str:
+    """``"ego"``, unless it stood and the pedestrian walked into it; rows x, y, heading, speed."""
+    walked = pedestrian[SPEED] >= STANDING_MPS
+    return OTHER if walked and ego[SPEED] < STANDING_MPS else EGO

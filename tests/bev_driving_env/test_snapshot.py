@@ -8,10 +8,18 @@ import pytest
 
 import bev_driving_env  # noqa: F401  # registers the ids
 
+STREETS = {"empty": {}, "dense": {"traffic": "dense", "traffic_lights": True}}
+
+
+@pytest.fixture(params=STREETS)
+def streets(request):
+    """The keywords of an empty town, and of one with dense traffic."""
+    return STREETS[request.param]
+
 
 @pytest.fixture
-def env():
-    return gym.make("BEVTown01-v0").unwrapped
+def env(streets):
+    return gym.make("BEVTown01-v0", **streets).unwrapped
 
 
 def actions(count, seed=0):
@@ -108,8 +116,8 @@ def test_another_route_in_between_is_forgotten(env):
     assert_equal_results(first, drive(env, actions(10, seed=4)))
 
 
-def test_a_branch_can_go_on_in_another_environment(env):
-    other = gym.make("BEVTown01-v0").unwrapped
+def test_a_branch_can_go_on_in_another_environment(env, streets):
+    other = gym.make("BEVTown01-v0", **streets).unwrapped
     env.reset(seed=0)
     other.reset(seed=1)
     drive(env, actions(20))
@@ -137,8 +145,8 @@ def test_infractions_before_the_snapshot_stay_on_the_record():
     assert len(summaries[0]["infractions"]) >= len(snapshot.events[0])
 
 
-def test_a_snapshot_of_another_town_is_refused_with_both_names(env):
-    other = gym.make("BEVTown02-v0").unwrapped
+def test_a_snapshot_of_another_town_is_refused_with_both_names(env, streets):
+    other = gym.make("BEVTown02-v0", **streets).unwrapped
     other.reset(seed=0)
     env.reset(seed=0)
     with pytest.raises(ValueError, match=r"Town02.*Town01"):
@@ -163,18 +171,20 @@ def test_a_snapshot_survives_pickling(env):
         ({"max_speed_mps": 3.0}, "cruise_speed_mps"),
         ({"time_limit_s": 5.0}, "time_limit_s"),
         ({"vehicle": {"length_m": 4.0}}, "vehicle"),
+        ({"traffic": "light"}, "traffic"),
+        ({"traffic": {"vehicles": 3}}, "traffic"),
     ],
 )
-def test_a_snapshot_of_another_configuration_is_refused(env, keywords, named):
+def test_a_snapshot_of_another_configuration_is_refused(env, streets, keywords, named):
     env.reset(seed=0)
-    other = gym.make("BEVTown01-v0", **keywords).unwrapped
+    other = gym.make("BEVTown01-v0", **{**streets, **keywords}).unwrapped
     with pytest.raises(ValueError, match=f"snapshot was taken with {named}"):
         other.restore(env.snapshot())
 
 
-def test_the_view_may_differ_between_a_snapshot_and_where_it_is_restored(env):
+def test_the_view_may_differ_between_a_snapshot_and_where_it_is_restored(env, streets):
     env.reset(seed=0)
-    other = gym.make("BEVTown01-v0", bev={"size": 96, "ego_row": 76}).unwrapped
+    other = gym.make("BEVTown01-v0", bev={"size": 96, "ego_row": 76}, **streets).unwrapped
     observation = other.restore(env.snapshot())
     assert observation["bev"].shape == (6, 96, 96)
     assert other.ego_pose == env.ego_pose

@@ -18,6 +18,7 @@ MANY_ENDS = {
     "bev": {"size": 64, "px_per_m": 1.5, "ego_row": 50},
 }
 """Short episodes that end in all three ways: infraction, success and time limit."""
+STREETS = [{}, {"traffic": "dense", "traffic_lights": True}]
 
 
 def actions(steps, worlds):
@@ -82,9 +83,10 @@ def ends_of(infos, mode):
     ]
 
 
+@pytest.mark.parametrize("streets", STREETS)
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_batched_worlds_equal_separate_environments_through_autoresets(mode):
-    batched, separate = pair(8, mode, **MANY_ENDS)
+def test_batched_worlds_equal_separate_environments_through_autoresets(mode, streets):
+    batched, separate = pair(8, mode, **MANY_ENDS, **streets)
     assert_same_step(batched.reset(seed=42), separate.reset(seed=42))
     ends = []
     for action in actions(300, 8):
@@ -95,8 +97,9 @@ def test_batched_worlds_equal_separate_environments_through_autoresets(mode):
     assert all(ends.count(kind) >= 5 for kind in ("success", "time", "infraction"))
 
 
-def test_batched_worlds_equal_separate_environments_reset_by_mask():
-    batched, separate = pair(8, AutoresetMode.DISABLED, **MANY_ENDS)
+@pytest.mark.parametrize("streets", STREETS)
+def test_batched_worlds_equal_separate_environments_reset_by_mask(streets):
+    batched, separate = pair(8, AutoresetMode.DISABLED, **MANY_ENDS, **streets)
     assert_same_step(batched.reset(seed=42), separate.reset(seed=42))
     resets = 0
     for action in actions(300, 8):

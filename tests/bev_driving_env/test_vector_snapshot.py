@@ -34,9 +34,10 @@ def assert_equal_results(first, second):
             np.testing.assert_array_equal(array, other)
 
 
+@pytest.mark.parametrize("streets", [{}, {"traffic": "dense", "traffic_lights": True}])
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_200_steps_after_restoring_equal_the_first_200(mode):
-    envs = make(autoreset_mode=mode)
+def test_200_steps_after_restoring_equal_the_first_200(mode, streets):
+    envs = make(autoreset_mode=mode, **streets)
     envs.reset(seed=0)
     drive(envs, actions(20, seed=1))
     snapshot = envs.snapshot()

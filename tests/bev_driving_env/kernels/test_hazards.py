@@ -143,11 +143,12 @@ def test_side_by_side_in_the_junction_only_who_is_ahead_is_followed(scene):
     assert leader(scene, 1) == (-1, math.inf)
 
 
-def test_the_nearer_of_two_leaders_counts(scene):
+@pytest.mark.parametrize(("same_m", "off_m", "who"), [(12.0, 5.0, 2), (4.0, 8.0, 1)])
+def test_the_nearer_of_two_leaders_counts(scene, same_m, off_m, who):
     scene.approaching("WE", 3.0)
-    scene.add(scene.movement("WE"), 12.0, scene.exit("E"))
-    scene.add(scene.movement("WS"), 5.0, scene.exit("S"))
-    assert leader(scene) == (2, pytest.approx(10.0))
+    scene.add(scene.movement("WE"), same_m, scene.exit("E"))
+    scene.add(scene.movement("WS"), off_m, scene.exit("S"))
+    assert leader(scene) == (who, pytest.approx(3.0 + 2.0 + min(same_m, off_m)))
 
 
 def people(scene, i=0):
@@ -271,6 +272,16 @@ def test_an_ego_in_the_way_is_seen_in_time_and_one_that_is_not_does_not_matter(r
             misses += 1
     assert hits > 50
     assert misses > 20
+
+
+@pytest.mark.parametrize("way", ["WE", "WS", "SW"])
+@pytest.mark.parametrize("turned", [0.0, 1.0, math.pi / 2])
+def test_an_ego_in_the_junction_ahead_is_seen_along_ones_own_way(scene, way, turned):
+    scene.approaching(way, 4.0, speed=7.0)
+    x, y, heading = rail_pose(scene.rails, scene.movement(way), 9.0)
+    scene.ego[:3] = x, y, heading + turned
+    wide_m = metres_to_contact(scene, 0.9 + EGO_MARGIN_M + 0.1, EGO_MARGIN_M + 0.3)
+    assert wide_m - EGO_MARGIN_M - 0.05 <= seen_ego(scene) <= metres_to_contact(scene)
 
 
 def test_an_ego_standing_ahead_is_seen_a_little_nearer_than_it_is(circle):

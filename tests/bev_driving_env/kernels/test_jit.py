@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numba
 import pytest
@@ -77,3 +78,22 @@ def test_first_use_says_so_and_the_next_process_finds_the_cache(tmp_path):
     ]
     assert [run.stdout.split() for run in runs] == [["0", "1"], ["1", "0"]]
     assert "compiling" in runs[0].stderr
+
+
+def test_a_cache_that_another_process_drops_at_the_same_time_does_no_harm(tmp_path, monkeypatch):
+    (tmp_path / "__pycache__").mkdir()
+    (tmp_path / "kernel.py").write_text("")
+    caches = [tmp_path / "__pycache__" / f"{name}.nbi" for name in "ab"]
+    for cache in caches:
+        cache.write_text("")
+        os.utime(cache, (0, 0))
+    monkeypatch.setattr(jit, "__file__", str(tmp_path / "jit.py"))
+    unlink = Path.unlink
+
+    def unlink_all(path, missing_ok=False):
+        for cache in caches:  # the other process is faster
+            unlink(cache, missing_ok=True)
+
+    monkeypatch.setattr(Path, "unlink", unlink_all)
+    jit.drop_stale_caches()
+    assert not any(cache.exists() for cache in caches)

@@ -175,6 +175,12 @@ def test_who_can_no_longer_stop_before_its_line_is_waited_for(scene, admitted, a
     assert asked(scene) == answer
 
 
+def test_who_can_no_longer_stop_but_goes_elsewhere_is_not_waited_for(scene):
+    scene.approaching("WE")
+    scene.approaching("EW", 6.0, speed=7.0, admitted=True)
+    assert asked(scene) == FREE
+
+
 @pytest.mark.parametrize(("speed", "answer"), [(9.0, IN_THE_WAY), (4.0, FREE)])
 def test_an_ego_that_can_no_longer_stop_before_its_line_is_waited_for(
     scene, left_turn, speed, answer

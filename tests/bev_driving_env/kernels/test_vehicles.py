@@ -33,6 +33,7 @@ from bev_driving_env.kernels.vehicles import (
     set_out,
     stopping_distance,
 )
+from bev_driving_env.towns.route import route_by_turns
 from bev_driving_env.world.vehicles import place_vehicles, vehicle_slots
 
 from .rail_scene import EGO_LENGTH_M, EGO_WIDTH_M, FAR_M, RailScene, anybody_touches, touch
@@ -161,6 +162,16 @@ def test_a_vehicle_yields_to_an_ego_standing_across_its_way_and_goes_on_after(
     assert 4.5 < near_end - (rows[-1, X] + 2.0) < 6.5  # about as far as from a leader
     circle.ego[:2] = -FAR_M
     assert drive(circle, 8.0)[-1, 0, X] > x + 10.0
+
+
+def test_a_vehicle_stops_behind_an_ego_that_stands_on_its_route(ring, circle):
+    circle.send_ego(route_by_turns(ring, (20.0, 2.0), "", (180.0, 2.0)), 60.0)
+    assert circle.line_up().rail[-1] == EAST
+    circle.add(EAST, 20.0, EAST, EAST, speed=7.0)
+    rows = drive(circle, 20.0)[:, 0]
+    between = circle.ego[0] - rows[-1, X] - 2.0 - EGO_LENGTH_M / 2.0
+    assert 4.2 < between < 6.5
+    assert rows[-1, SPEED] < 0.1
 
 
 def test_people_on_a_crossing_are_waited_for(scene):
@@ -340,6 +351,7 @@ def test_ways_are_chosen_evenly_and_again_the_same(scene):
     ways = [choose_way(rails, road, 3, vehicle, k) for vehicle in range(20) for k in range(50)]
     again = [choose_way(rails, road, 3, vehicle, k) for vehicle in range(20) for k in range(50)]
     assert ways == again
+    assert ways[:50] != ways[50:100]  # another vehicle goes another way
     shares = [ways.count(scene.movement(way)) / len(ways) for way in ("WE", "WS")]
     assert shares == pytest.approx([0.5, 0.5], abs=0.06)
 

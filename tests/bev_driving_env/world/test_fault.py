@@ -70,8 +70,14 @@ def test_head_on_and_crossing_it_cannot_be_told():
     assert blame(ego(5.0), car(3.0, 0.0, 0.5 * math.pi, 5.0)) == ""
 
 
+def test_where_both_have_stopped_the_ego_ran_into_the_other():
+    assert blame(ego(0.0), car(4.4)) == "ego"
+
+
 def test_a_pedestrian_is_at_fault_only_if_he_walks_into_a_car_that_stands():
-    assert pedestrian_fault(ego(0.0)) == "other"
-    assert pedestrian_fault(ego(0.09)) == "other"
-    assert pedestrian_fault(ego(0.11)) == "ego"
-    assert pedestrian_fault(ego(8.0)) == "ego"
+    walking, standing = car(2.6, speed=1.2), car(2.6)
+    assert pedestrian_fault(ego(0.0), walking) == "other"
+    assert pedestrian_fault(ego(0.09), walking) == "other"
+    assert pedestrian_fault(ego(0.0), standing) == "ego"
+    assert pedestrian_fault(ego(0.11), walking) == "ego"
+    assert pedestrian_fault(ego(8.0), walking) == "ego"
