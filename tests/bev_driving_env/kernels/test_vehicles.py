@@ -28,6 +28,7 @@ from bev_driving_env.kernels.layout import (
 from bev_driving_env.kernels.rails import CROSSING, CROSSING_M, RAIL_TOP_MPS, rail_pose
 from bev_driving_env.kernels.signals import show_signals
 from bev_driving_env.kernels.vehicles import (
+    BUMPER_M,
     choose_way,
     clear_crossings,
     set_out,
@@ -135,6 +136,18 @@ def test_a_vehicle_stops_about_5_m_behind_the_bumper_of_one_that_stands(scene, g
 
 
 @pytest.mark.parametrize("gap", [1.5, 2.0, 3.0, 5.0])
+@pytest.mark.parametrize("dt_s", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("gap", [1.5, 2.0, 3.0, 5.0])
+def test_bumpers_never_come_closer_than_half_a_metre(scene, gap, dt_s):
+    scene.signals[:] = SIGNAL_RED
+    scene.approaching("WE", 1.0)
+    scene.approaching("WE", 1.0 + 4.0 + gap, speed=8.0)
+    for _ in range(50):
+        scene.step(dt_s)
+        between = scene.motion[0, STATION] - scene.motion[1, STATION] - 4.0
+        assert between >= BUMPER_M - 1e-9
+
+
 def test_bumpers_stay_apart_even_when_braking_comes_too_late(scene, gap):
     """At 6 m/s^2 it would take 5.3 m."""
     scene.signals[:] = SIGNAL_RED
