@@ -43,10 +43,17 @@ def test_benchmark_line_runs_as_written(command, tmp_path):
     assert program == "bev-bench"
     printed = run([sys.executable, "-m", "benchmarks.cli", *arguments], tmp_path)
     town = arguments[arguments.index("--town") + 1] if "--town" in arguments else "Town01"
-    assert f"{town} route (m)" in printed
+    assert f"{town} route (m)" in printed or f"| {town} |" in printed
     out = tmp_path / arguments[arguments.index("--out") + 1]
     assert (out / f"map_{town}.png").exists()
     assert any(out.glob("videos/*.mp4")) == ("--video" in arguments)
+
+
+@pytest.mark.parametrize("command", re.findall(r"^(bev-bench traffic .*)$", BASH, flags=re.MULTILINE))
+def test_traffic_line_runs_as_written(command, tmp_path):
+    # of the many seeds one will do
+    arguments = shlex.split(command.partition(" --seed")[0])[1:]
+    assert "Town02" in run([sys.executable, "-m", "benchmarks.cli", *arguments], tmp_path)
 
 
 @pytest.mark.parametrize("command", DEMO)

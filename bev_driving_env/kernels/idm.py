@@ -18,7 +18,7 @@ _CLOSING = 1.0 / (2.0 * math.sqrt(COMFORT_MPS2 * BRAKING_MPS2))
 
 @leaf_kernel
 def idm_free(speed_mps: float, wanted_mps: float) -> float:
-    """Acceleration on an empty road (m/s^2): 3 at standstill, 0 at the wanted one; -5 if that is 0."""
+    """Acceleration on an empty road (m/s^2); braking if the wanted speed is 0."""
     if wanted_mps <= 0.0:
         return -BRAKING_MPS2
     ratio = speed_mps / wanted_mps

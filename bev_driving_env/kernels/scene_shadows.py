@@ -6,9 +6,10 @@ import math
 
 from numpy.typing import NDArray
 
-from .actors import PERSON, actor_variant, person_height, vehicle_height
+from .actors import PERSON, actor_variant, vehicle_height
 from .jit import leaf_kernel
 from .layout import HEADING, LENGTH, WIDTH, X, Y
+from .people import person_height
 from .scenery import BOXES, CARS, GABLES, SPRITES, Nearby, Scenery
 from .shadows import cast_box, cast_crown, cast_vehicle
 from .shapes import FOLIAGE, Lighting, Records

@@ -13,7 +13,6 @@ from .actors import (
     PARKED,
     PERSON,
     actor_variant,
-    draw_person,
     draw_signal,
     draw_vehicle,
     vehicle_height,
@@ -21,6 +20,7 @@ from .actors import (
 from .jit import leaf_kernel
 from .layout import HEADING, LENGTH, SPEED, WIDTH, X, Y
 from .occlusion import Skyline, is_hidden, nearest_first, raise_skyline, within_reach
+from .people import draw_person
 from .shapes import (
     BRICKS,
     TWO_SIDED,

@@ -257,8 +257,9 @@ def step_worlds(
             sway(attitude[n], (car[SPEED] - speed) / physics.dt_s, lateral, physics.dt_s)
             update_progress(car, points, size, route_spacing[n], progress[n])
             now = current_infractions(
-                physics, ground, car, front_x, front_y, speed * physics.dt_s, progress[n], vehicles[n],
-                pedestrians[n], signals[n], waiting[n], timers[n], travelled[n], involved[n],
+                physics, ground, car, front_x, front_y, speed * physics.dt_s, progress[n],
+                vehicles[n], pedestrians[n], signals[n], waiting[n], timers[n], travelled[n],
+                involved[n],
             )  # fmt: skip
             began[n] |= now & ~holding[n]
             holding[n] = now

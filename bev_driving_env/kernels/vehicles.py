@@ -161,7 +161,7 @@ def _decide(
     acceleration = max(idm_free(speed, wanted), -CLIP_MPS2) - strongest
     acceleration = min(max(acceleration, -CLIP_MPS2), CLIP_MPS2)
     if leader != NOBODY:
-        # the model alone would not always keep bumpers apart, nor leave room to stop after this step
+        # the model alone does not always keep bumpers apart, with room to stop in the next step
         free_m = leader_m - 0.5 * (lineup.length[i] + lineup.length[leader]) - BUMPER_M
         fastest = max(free_m, 0.0) / dt_s - 0.5 * speed
         acceleration = min(acceleration, (fastest - speed) / dt_s)
