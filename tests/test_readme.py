@@ -16,6 +16,7 @@ DOCS = "\n".join(page.read_text(encoding="utf-8") for page in sorted(ROOT.glob("
 PAGES = README + DOCS
 BLOCKS = re.findall(r"```python\n(.*?)```", PAGES, flags=re.DOTALL)
 BASH = "\n".join(re.findall(r"```bash\n(.*?)```", PAGES, flags=re.DOTALL))
+TRAFFIC = re.findall(r"^(bev-bench traffic .*)$", BASH, flags=re.MULTILINE)
 COMMANDS = re.findall(r"^(bev-bench run .*)$", BASH, flags=re.MULTILINE)
 MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 # plain runs of these suites are what make demo does
@@ -49,7 +50,7 @@ def test_benchmark_line_runs_as_written(command, tmp_path):
     assert any(out.glob("videos/*.mp4")) == ("--video" in arguments)
 
 
-@pytest.mark.parametrize("command", re.findall(r"^(bev-bench traffic .*)$", BASH, flags=re.MULTILINE))
+@pytest.mark.parametrize("command", TRAFFIC)
 def test_traffic_line_runs_as_written(command, tmp_path):
     # of the many seeds one will do
     arguments = shlex.split(command.partition(" --seed")[0])[1:]

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .jit import kernel, leaf_kernel
+from .jit import leaf_kernel
 from .layout import (
     ADMITTED,
     AFTER_RAIL,
@@ -65,22 +65,38 @@ class Lineup(NamedTuple):
     foremost: NDArray
 
 
-@kernel
+NUMBERS, METRES, ENDS = 5, 4, 2
+
+
+@leaf_kernel
+def lineup_in(numbers: NDArray, metres: NDArray, ends: NDArray) -> Lineup:
+    """A line-up whose columns are rows of three tables: fewer arrays for Python to hand over.
+
+    Args:
+        numbers: (5, D) int64.
+        metres: (4, D) float64.
+        ends: (2, G) int64.
+    """
+    return Lineup(
+        numbers[0],
+        numbers[1],
+        numbers[2],
+        metres[0],
+        metres[1],
+        metres[2],
+        metres[3],
+        numbers[3],
+        numbers[4],
+        ends[0],
+        ends[1],
+    )
+
+
 def empty_lineup(drivers: int, rails: int) -> Lineup:
     """Room for a number of drivers on a number of rails."""
-    return Lineup(
-        np.empty(drivers, np.int64),
-        np.empty(drivers, np.int64),
-        np.empty(drivers, np.int64),
-        np.empty(drivers),
-        np.empty(drivers),
-        np.empty(drivers),
-        np.empty(drivers),
-        np.empty(drivers, np.int64),
-        np.empty(drivers, np.int64),
-        np.empty(rails, np.int64),
-        np.empty(rails, np.int64),
-    )
+    rows = np.zeros((NUMBERS, drivers), np.int64), np.zeros((METRES, drivers))
+    lineup: Lineup = lineup_in(*rows, np.zeros((ENDS, rails), np.int64))
+    return lineup
 
 
 @leaf_kernel

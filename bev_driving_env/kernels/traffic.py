@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .hazards import leader_ahead, line_ahead, people_ahead
-from .idm import JAM_GAP_M, idm_interaction
-from .jit import kernel
+from .crossing import mark_occupied
+from .crowd import Crowd, empty_crowd
+from .hazards import leader_ahead, line_ahead, people_ahead, strongest_interaction
+from .jit import leaf_kernel
 from .layout import HEADING, LAST_RAIL, SPEED, STOPPED_S, X, Y
-from .lineup import NOBODY, Lineup, empty_lineup, line_up
+from .lineup import ENDS, METRES, NOBODY, NUMBERS, Lineup, line_up, lineup_in
 from .noise import mix
-from .pedestrians import mark_occupied, step_pedestrians
+from .pedestrians import step_pedestrians
 from .rails import Rails
 from .signals import SignalPlan, show_signals
 from .vehicles import clear_crossings, step_vehicles, stopping_distance
@@ -21,16 +23,53 @@ from .walks import Crossings, Walks
 
 PEOPLE = 0x9E0B1E
 """Keeps pedestrians' random numbers apart from all others of the episode."""
+SLOW_MPS = 1.0
 NEAR_M = 10.0
 """Whoever stands this near to something to wait for is waiting for it."""
 
 
-@kernel
+class Workspace(NamedTuple):
+    """Room to work in, made once: what is in it between steps means nothing.
+
+    Attributes:
+        numbers: For the line-up, likewise the next two.
+        metres: See ``lineup_in``.
+        ends: See ``lineup_in``.
+        accelerations: (V,) what the vehicles have decided.
+        occupied: (C, 2) uint8 halves of crossings with people on them.
+        threatened: (C,) uint8 crossings that somebody could no longer stop before.
+        crowd: For the pedestrians.
+    """
+
+    numbers: NDArray
+    metres: NDArray
+    ends: NDArray
+    accelerations: NDArray
+    occupied: NDArray
+    threatened: NDArray
+    crowd: Crowd
+
+
+def make_workspace(vehicles: int, pedestrians: int, rails: int, crossings: int) -> Workspace:
+    """Room for the traffic of one world at a time."""
+    return Workspace(
+        numbers=np.zeros((NUMBERS, vehicles + 1), np.int64),
+        metres=np.zeros((METRES, vehicles + 1)),
+        ends=np.zeros((ENDS, rails), np.int64),
+        accelerations=np.zeros(vehicles),
+        occupied=np.zeros((crossings, 2), np.uint8),
+        threatened=np.zeros(crossings, np.uint8),
+        crowd=empty_crowd(pedestrians),
+    )
+
+
+@leaf_kernel
 def step_traffic(
     rails: Rails,
     walks: Walks,
     crossings: Crossings,
     plan: SignalPlan,
+    work: Workspace,
     dt_s: float,
     half_length_m: float,
     half_width_m: float,
@@ -61,6 +100,7 @@ def step_traffic(
         walks: Its sidewalks.
         crossings: Its pedestrian crossings.
         plan: Its signals; with no phases (a plan of length 0) they stay as they are.
+        work: Room to work in.
         dt_s: Seconds.
         half_length_m: Half the ego's length.
         half_width_m: Half its width.
@@ -69,7 +109,7 @@ def step_traffic(
         steps: (N,) control steps since reset.
         ego: (N, 4).
         progress: (N, 5).
-        timers: (N, 2).
+        timers: (N, 6).
         route_rails: (N, K) rails along each ego's route.
         route_rail_m: (N, K) route position at which each begins.
         route_rail_count: (N,) how many are valid.
@@ -83,16 +123,14 @@ def step_traffic(
         waiting: (N,) bool output, whether the ego has something to wait for.
     """
     count, people = vehicles.shape[1], pedestrians.shape[1]
-    lineup = empty_lineup(count + 1, rails.length.shape[0])
-    accelerations = np.empty(count)
-    places = crossings.length.shape[0]
-    occupied, threatened = np.zeros((places, 2), np.uint8), np.zeros(places, np.uint8)
+    lineup = lineup_in(work.numbers, work.metres, work.ends)
+    occupied, threatened = work.occupied, work.threatened
+    occupied[:] = 0
     for n in range(ego.shape[0]):
         if not running[n]:
             continue
         if plan.phase.shape[0]:
             show_signals(plan, (steps[n] + 1) * dt_s, episode_seed[n], signals[n])
-        occupied[:] = 0
         if people:
             mark_occupied(crossings, pedestrian_track[n], pedestrian_motion[n], occupied)
         line_up(
@@ -100,27 +138,29 @@ def step_traffic(
             timers[n, STOPPED_S], progress[n], route_rails[n], route_rail_m[n],
             route_rail_count[n], lineup,
         )  # fmt: skip
-        waiting[n] = has_to_wait(rails, lineup, count, signals[n], occupied)
+        slow = ego[n, SPEED] < SLOW_MPS
+        waiting[n] = slow and has_to_wait(rails, lineup, count, signals[n], occupied)
         step_vehicles(
             rails, dt_s, episode_seed[n], signals[n], occupied, ego[n], half_length_m,
-            half_width_m, lineup, accelerations, vehicles[n], track[n], motion[n],
+            half_width_m, lineup, work.accelerations, vehicles[n], track[n], motion[n],
         )  # fmt: skip
         if people:
             threatened[:] = 0
             for i in range(count + 1):
                 if lineup.rail[i] >= 0:
                     last = track[n, i, LAST_RAIL] if i < count else NOBODY
-                    reach_m = stopping_distance(lineup.speed[i])
+                    # the line-up is from before they moved
+                    reach_m = stopping_distance(lineup.speed[i]) + lineup.speed[i] * dt_s
                     clear_crossings(rails, lineup, i, last, reach_m, threatened)
             threaten_by_ego(crossings, ego[n], half_length_m, threatened)
             step_pedestrians(
                 walks, crossings, dt_s, mix(episode_seed[n], PEOPLE), signals[n], threatened,
-                ego[n], half_length_m, half_width_m, vehicles[n], pedestrians[n],
+                ego[n], half_length_m, half_width_m, vehicles[n], work.crowd, pedestrians[n],
                 pedestrian_track[n], pedestrian_motion[n],
             )  # fmt: skip
 
 
-@kernel
+@leaf_kernel
 def has_to_wait(rails: Rails, lineup: Lineup, i: int, signals: NDArray, occupied: NDArray) -> bool:
     """Whether a leader, a line or people within 10 m of its front keep driver ``i`` from going."""
     if lineup.rail[i] < 0:
@@ -132,7 +172,7 @@ def has_to_wait(rails: Rails, lineup: Lineup, i: int, signals: NDArray, occupied
     return leader != NOBODY and leader_m - 0.5 * (lineup.length[i] + lineup.length[leader]) < NEAR_M
 
 
-@kernel
+@leaf_kernel
 def threaten_by_ego(
     crossings: Crossings, ego: NDArray, half_length_m: float, threatened: NDArray
 ) -> None:
@@ -148,10 +188,11 @@ def threaten_by_ego(
             threatened[c] = 1
 
 
-@kernel
+@leaf_kernel
 def ego_allowance(
     rails: Rails,
     crossings: Crossings,
+    work: Workspace,
     half_length_m: float,
     ego: NDArray,
     progress: NDArray,
@@ -171,8 +212,7 @@ def ego_allowance(
     The rules are those of the other vehicles; arguments are one world's of ``step_traffic``.
     """
     count = vehicles.shape[0]
-    lineup = empty_lineup(count + 1, rails.length.shape[0])
-    occupied = np.zeros((crossings.length.shape[0], 2), np.uint8)
+    lineup, occupied = lineup_in(work.numbers, work.metres, work.ends), work.occupied
     mark_occupied(crossings, pedestrian_track, pedestrian_motion, occupied)
     line_up(
         rails, vehicles, track, motion, ego, 2.0 * half_length_m, timers[STOPPED_S], progress,
@@ -180,16 +220,9 @@ def ego_allowance(
     )  # fmt: skip
     if lineup.rail[count] < 0:
         return 0.0
-    speed = lineup.speed[count]
-    strongest = 0.0
     leader, leader_m = leader_ahead(rails, lineup, count)
-    if leader != NOBODY:
-        jam_m = JAM_GAP_M + 0.5 * (lineup.length[count] + lineup.length[leader])
-        strongest = idm_interaction(speed, leader_m, jam_m, speed - lineup.speed[leader])
     line_m, _ = line_ahead(rails, lineup, count, signals, occupied)
-    if line_m < math.inf:
-        strongest = max(strongest, idm_interaction(speed, line_m, 1.0, speed))
     people_m = people_ahead(rails, lineup, count, occupied)
-    if people_m < math.inf:
-        strongest = max(strongest, idm_interaction(speed, max(people_m, 0.0), 0.8, speed))
-    return strongest
+    return strongest_interaction(
+        lineup, count, leader, leader_m, line_m, people_m, math.inf, ego, ego[HEADING]
+    )

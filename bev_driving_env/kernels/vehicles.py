@@ -37,6 +37,7 @@ from .lineup import NOBODY, NOWHERE, Lineup
 from .noise import mix, uniform
 from .rails import Rails, rail_pose
 from .right_of_way import FREE, FULL
+from .snap import PER_UNIT, snap, write_row
 
 WAYS = 0x7A4C
 """Keeps the random choices of way apart from all other random numbers of the episode."""
@@ -70,7 +71,7 @@ def set_out(rails: Rails, seed: int, vehicles: NDArray, track: NDArray, motion: 
             track[i, AFTER_RAIL] = choose_way(rails, track[i, NEXT_RAIL], seed, i, 1)
         track[i, CHOICES] = 2
         x, y, heading = rail_pose(rails, rail, motion[i, STATION])
-        vehicles[i, X], vehicles[i, Y], vehicles[i, HEADING] = x, y, heading
+        write_row(vehicles[i], x, y, heading, 0.0)
 
 
 @leaf_kernel
@@ -195,9 +196,8 @@ def _move(
 ) -> None:
     """Move vehicle ``i`` along its rails and write its row."""
     before = vehicles[i, SPEED]
-    speed = max(before + acceleration * dt_s, 0.0)
+    speed = snap(max(before + acceleration * dt_s, 0.0), PER_UNIT)
     motion[i, STATION] += 0.5 * (before + speed) * dt_s
-    vehicles[i, SPEED] = speed
     rail = track[i, RAIL]
     if motion[i, STATION] >= rails.length[rail] and track[i, NEXT_RAIL] >= 0:
         motion[i, STATION] -= rails.length[rail]
@@ -211,9 +211,9 @@ def _move(
         track[i, ADMITTED] = 0
         motion[i, WAITED_S] = 0.0
     elif motion[i, STATION] > rails.length[rail]:
-        motion[i, STATION], vehicles[i, SPEED] = rails.length[rail], 0.0
+        motion[i, STATION], speed = rails.length[rail], 0.0
     x, y, heading = rail_pose(rails, rail, motion[i, STATION])
-    vehicles[i, X], vehicles[i, Y], vehicles[i, HEADING] = x, y, heading
+    write_row(vehicles[i], x, y, heading, speed)
 
 
 @leaf_kernel

@@ -1,4 +1,4 @@
-"""Walks and crossings: where pedestrians walk, and where things are along it."""
+"""Walks and crossings: where pedestrians walk, where things are along it, and what they keep."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 from numpy.typing import NDArray
 
-from .jit import kernel
+from .jit import leaf_kernel
+from .noise import mix, uniform
 
 WALK_X, WALK_Y, WALK_COS, WALK_SIN, FREE_FROM_M, FREE_TO_M, BEND = range(7)
 WALK_COLUMNS = 7
@@ -41,6 +42,11 @@ of the line (as seen from the first end) that he is and would like to be, pace, 
 has been in his way, how long he has been waiting, how far from where he stepped on to the road he
 hesitates, and how much longer.
 """
+
+
+DRIFT_MPS = 0.4
+"""How fast a pedestrian goes aside."""
+BLOCKED_DECAY = 0.25
 
 
 class Walks(NamedTuple):
@@ -88,7 +94,7 @@ class Crossings(NamedTuple):
     stop_at: NDArray
 
 
-@kernel
+@leaf_kernel
 def walk_row(walks: Walks, walk: int, station_m: float) -> tuple[int, float]:
     """Sample at or before a station in [0, length], and which part of the way to the next."""
     where = station_m / walks.step_m[walk]
@@ -97,12 +103,16 @@ def walk_row(walks: Walks, walk: int, station_m: float) -> tuple[int, float]:
     return first + row, where - row
 
 
-@kernel
+@leaf_kernel
 def walk_point(walks: Walks, walk: int, station_m: float, kerb_m: float) -> tuple[float, float]:
     """World point at a station in [0, length] and a distance from the kerb."""
     row, part = walk_row(walks, walk, station_m)
-    samples = walks.samples
-    right = kerb_m - walks.half_width_m
+    return beside(walks.samples, row, part, kerb_m - walks.half_width_m)
+
+
+@leaf_kernel
+def beside(samples: NDArray, row: int, part: float, right: float) -> tuple[float, float]:
+    """World point to the right of the middle, on a part of the way from a sample to the next."""
     x = samples[row, WALK_X] - right * samples[row, WALK_SIN]
     y = samples[row, WALK_Y] + right * samples[row, WALK_COS]
     next_x = samples[row + 1, WALK_X] - right * samples[row + 1, WALK_SIN]
@@ -110,7 +120,7 @@ def walk_point(walks: Walks, walk: int, station_m: float, kerb_m: float) -> tupl
     return x + part * (next_x - x), y + part * (next_y - y)
 
 
-@kernel
+@leaf_kernel
 def walk_pose(walks: Walks, walk: int, station_m: float) -> tuple[float, float, float]:
     """Pose (x, y, heading) of the middle of the sidewalk at a station in [0, length]."""
     row, part = walk_row(walks, walk, station_m)
@@ -122,7 +132,7 @@ def walk_pose(walks: Walks, walk: int, station_m: float) -> tuple[float, float, 
     return x, y, math.atan2(sin, cos)
 
 
-@kernel
+@leaf_kernel
 def wrap_station(walks: Walks, walk: int, station_m: float) -> float:
     """The same place in [0, length), for a station at most one loop outside."""
     length = walks.length[walk]
@@ -132,7 +142,7 @@ def wrap_station(walks: Walks, walk: int, station_m: float) -> float:
     return station_m - length if station_m >= length else station_m
 
 
-@kernel
+@leaf_kernel
 def walk_gap(walks: Walks, walk: int, from_m: float, to_m: float) -> float:
     """Signed way along a loop between two stations, the shorter way around."""
     length = walks.length[walk]
@@ -140,7 +150,7 @@ def walk_gap(walks: Walks, walk: int, from_m: float, to_m: float) -> float:
     return gap - length * round(gap / length)
 
 
-@kernel
+@leaf_kernel
 def nearest_on_walk(
     walks: Walks, walk: int, near_m: float, x: float, y: float
 ) -> tuple[float, float]:
@@ -163,3 +173,28 @@ def nearest_on_walk(
         ahead = min(max(0.7 * ahead, -2.0), 2.0)
         station = wrap_station(walks, walk, station + ahead)
     return station, right + walks.half_width_m
+
+
+@leaf_kernel
+def draw(seed: int, track: NDArray, i: int) -> float:
+    """A pedestrian's next random number in [0, 1)."""
+    track[i, COUNTER] += 1
+    return uniform(mix(seed, i), track[i, COUNTER])
+
+
+@leaf_kernel
+def keep_right(seed: int, track: NDArray, motion: NDArray, i: int) -> None:
+    """Choose a place on the right-hand side of the free band."""
+    place = 0.45 * draw(seed, track, i)
+    motion[i, PLACE] = 1.0 - place if track[i, DIRECTION] > 0 else place
+
+
+@leaf_kernel
+def note_blocked(motion: NDArray, i: int, dt_s: float, blocked: bool) -> int:
+    """Keep the time something has been in the way; returns each whole second once, else 0."""
+    before = motion[i, BLOCKED_S]
+    if not blocked:
+        motion[i, BLOCKED_S] = max(0.0, before - BLOCKED_DECAY * dt_s)
+        return 0
+    motion[i, BLOCKED_S] = before + dt_s
+    return int(before + dt_s) if int(before + dt_s) > int(before) else 0

@@ -7,8 +7,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..kernels.crowd import empty_crowd, find_contacts
 from ..kernels.layout import ACTOR_COLUMNS, HEADING, LENGTH, WIDTH, X, Y
-from ..kernels.pedestrians import find_contacts
+from ..kernels.snap import snap_rows
 from ..kernels.walks import (
     CROSSING,
     DIRECTION,
@@ -85,6 +86,7 @@ def place_pedestrians(
     aside = 0.45 * rng.random(count)
     motion[:, PLACE] = np.where(track[:, DIRECTION] > 0, 1.0 - aside, aside)
     _place(sidewalks.walks, rng, rows, track, motion)
+    snap_rows(rows)
     return rows, track, motion
 
 
@@ -108,13 +110,13 @@ def _place(
     stretch_m = walks.length[walk] / slots[walk]
     begin_m = (chosen - (ends - slots)[walk]) * stretch_m
     track[:, WALK] = walk
-    again = np.ones(len(rows), np.bool_)
+    again, crowd = np.ones(len(rows), np.bool_), empty_crowd(len(rows))
     for _ in range(ATTEMPTS):
         jitter = rng.random(len(rows))
         station = begin_m + APART_M / 2.0 + jitter * (stretch_m - APART_M)
         motion[again, WALK_STATION] = station[again]
         _stand(walks, rows, track, motion)
-        if find_contacts(rows, again) == 0:
+        if find_contacts(rows, crowd, again) == 0:
             return
     raise ValueError(
         f"no room was found for {len(rows)} pedestrians, {int(again.sum())} of them would touch "

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..kernels.signals import show_signals
-from ..kernels.traffic import ego_allowance, step_traffic
+from ..kernels.traffic import ego_allowance, make_workspace, step_traffic
 from ..towns.compiled import CompiledTown
 from ..towns.rails import route_rails
 from ..towns.route import Route
@@ -35,7 +35,14 @@ class Streets:
         self._plan = streets.plan if config.traffic.lights else streets.no_plan
         self._half_length_m = config.vehicle.length_m / 2.0
         self._half_width_m = config.vehicle.width_m / 2.0
-        self._slots = vehicle_slots(streets.network.tables)
+        tables = streets.network.tables
+        self._work = make_workspace(
+            config.traffic.vehicles,
+            config.traffic.pedestrians,
+            len(tables.length),
+            len(streets.sidewalks.crossings.length),
+        )
+        self._slots = vehicle_slots(tables)
         rooms = {"vehicles": len(self._slots) - 5, "pedestrians": capacity(streets.sidewalks)}
         for name, room in rooms.items():
             wanted = getattr(config.traffic, name)
@@ -68,6 +75,7 @@ class Streets:
             self._sidewalks.walks,
             self._sidewalks.crossings,
             self._plan,
+            self._work,
             self._step_s,
             self._half_length_m,
             self._half_width_m,
@@ -96,6 +104,7 @@ class Streets:
             ego_allowance(
                 self._network.tables,
                 self._sidewalks.crossings,
+                self._work,
                 self._half_length_m,
                 state.ego[world],
                 state.progress[world],

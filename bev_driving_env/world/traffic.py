@@ -72,7 +72,7 @@ def check_traffic(traffic: Traffic) -> None:
             f"traffic must be one of {', '.join(map(repr, PRESETS))} or a dict with the keys "
             f"{' and '.join(KEYS)}, got {traffic!r}"
         )
-    TrafficConfig(**traffic)
+    _counted(traffic, False)
 
 
 def traffic_config(traffic: Traffic, lights: bool, town: CompiledTown) -> TrafficConfig:
@@ -89,7 +89,7 @@ def traffic_config(traffic: Traffic, lights: bool, town: CompiledTown) -> Traffi
     """
     check_traffic(traffic)
     if not isinstance(traffic, str):
-        return TrafficConfig(**{**traffic, "lights": lights})
+        return _counted(traffic, lights)
     known = NOCRASH[traffic]
     if town.name in known:
         vehicles, pedestrians = known[town.name]
@@ -99,6 +99,10 @@ def traffic_config(traffic: Traffic, lights: bool, town: CompiledTown) -> Traffi
     if town.cross_section.sidewalk_m == 0.0:
         pedestrians = 0
     return TrafficConfig(vehicles, pedestrians, lights)
+
+
+def _counted(traffic: Mapping[str, int], lights: bool) -> TrafficConfig:
+    return TrafficConfig(traffic.get("vehicles", 0), traffic.get("pedestrians", 0), lights)
 
 
 TOWN01_LANE_M = 4960.0

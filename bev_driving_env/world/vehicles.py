@@ -54,7 +54,7 @@ EGO_CLEAR_M = 14.0
 def vehicle_slots(rails: Rails) -> NDArray[np.float64]:
     """Places (K, 4) on roads where vehicles can start: rail, station, world x and y."""
     slots = []
-    for rail in np.flatnonzero(~rails.movement):
+    for rail in np.flatnonzero(~rails.movement).tolist():
         length = float(rails.length[rail])
         count = int((length - 2.0) // SLOT_M)
         for station in (np.arange(count) + 0.5) * (length / max(count, 1)):
