@@ -186,6 +186,8 @@ def main() -> None:
     save_photo(out / "ipm.jpg", draw_ipm())
     junction = at("Town02", {"episode": 1}, 26.0, bev_source="ipm", appearance="test")
     save_photo(out / "panel.jpg", junction.draw())
+    busy = at("Town02", {"route": 1}, 15.0, traffic="dense", traffic_lights=True)
+    save_photo(out / "traffic.jpg", busy.draw())
 
 
 if __name__ == "__main__":
