@@ -94,9 +94,9 @@ def lineup_in(numbers: NDArray, metres: NDArray, ends: NDArray) -> Lineup:
 
 def empty_lineup(drivers: int, rails: int) -> Lineup:
     """Room for a number of drivers on a number of rails."""
-    rows = np.zeros((NUMBERS, drivers), np.int64), np.zeros((METRES, drivers))
-    lineup: Lineup = lineup_in(*rows, np.zeros((ENDS, rails), np.int64))
-    return lineup
+    numbers, metres = np.zeros((NUMBERS, drivers), np.int64), np.zeros((METRES, drivers))
+    ends = np.zeros((ENDS, rails), np.int64)
+    return Lineup(*numbers[:3], *metres, *numbers[3:], *ends)
 
 
 @leaf_kernel

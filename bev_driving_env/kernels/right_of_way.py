@@ -25,6 +25,7 @@ FREE, STOP_SIGNAL, IN_THE_WAY, GIVE_WAY, PEOPLE, FULL = range(6)
 """Why a junction may not be entered, or ``FREE``."""
 STOPPING_MPS2 = 3.0
 """A yellow light is driven through only where stopping would take more than this."""
+ARRIVING_MPS = 0.5
 GAP_S = 5.0
 """Traffic that goes first and will be at its line within this time is let through ..."""
 PATIENCE_S = 15.0
@@ -93,11 +94,9 @@ def _is_taken(
         j = lineup.ahead[j]
     if j != NOBODY and (relation == MERGES or lineup.station[j] <= clear_m):
         return True
-    approach = rails.approach[other]
-    if approach >= 0:
-        j = lineup.foremost[approach]
-        if j != NOBODY and j != i and lineup.onward[j] == other and lineup.admitted[j]:
-            return True
+    j = _first_towards(rails, lineup, i, other)
+    if j != NOBODY and lineup.admitted[j]:
+        return True
     if relation == CROSSES and clear_m > rails.length[other]:
         # its tail may still be in the way
         j = lineup.rearmost[rails.following[other, 0]]
@@ -107,30 +106,30 @@ def _is_taken(
 
 
 @leaf_kernel
+def _first_towards(rails: Rails, lineup: Lineup, i: int, movement: int) -> int:
+    """Whoever but ``i`` is first at the line of a movement and goes on to it, or -1."""
+    approach = rails.approach[movement]
+    if approach < 0:
+        return NOBODY
+    j = lineup.foremost[approach]
+    return NOBODY if j in (NOBODY, i) or lineup.onward[j] != movement else j
+
+
+@leaf_kernel
 def _is_coming(rails: Rails, lineup: Lineup, i: int, other: int) -> bool:
     """Whether somebody who goes first will soon be at the line of another movement."""
-    approach = rails.approach[other]
-    if approach < 0:
+    j = _first_towards(rails, lineup, i, other)
+    if j == NOBODY or lineup.waited[i] > PATIENCE_S or lineup.speed[j] < ARRIVING_MPS:
         return False
-    j = lineup.foremost[approach]
-    if j in (NOBODY, i) or lineup.onward[j] != other:
-        return False
-    if lineup.waited[i] > PATIENCE_S or lineup.speed[j] < 0.5:
-        return False
-    line_m = rails.length[approach] - lineup.station[j] - 0.5 * lineup.length[j]
+    line_m = rails.length[lineup.rail[j]] - lineup.station[j] - 0.5 * lineup.length[j]
     return line_m < GAP_S * lineup.speed[j]
 
 
 @leaf_kernel
 def _is_starved(rails: Rails, lineup: Lineup, i: int, other: int) -> bool:
     """Whether somebody else who goes to the same road has waited so long that ``i`` lets it go."""
-    approach = rails.approach[other]
-    if approach < 0:
-        return False
-    j = lineup.foremost[approach]
-    if j in (NOBODY, i) or lineup.onward[j] != other:
-        return False
-    return lineup.waited[j] > max(STARVED_S, lineup.waited[i])
+    j = _first_towards(rails, lineup, i, other)
+    return j != NOBODY and lineup.waited[j] > max(STARVED_S, lineup.waited[i])
 
 
 @leaf_kernel

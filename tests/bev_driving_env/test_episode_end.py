@@ -20,6 +20,8 @@ SUMMARY_KEYS = {
     "steps",
     "time_s",
     "return",
+    "travelled_m",
+    "outside_m",
     "infractions",
 }
 

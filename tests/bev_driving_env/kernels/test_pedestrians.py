@@ -50,10 +50,10 @@ def test_a_walker_keeps_his_pace_and_faces_where_he_goes(alone, direction):
         before = street.rows.copy()
         street.step()
         dx, dy = (street.rows - before)[0, [X, Y]]
-        assert np.hypot(dx, dy) == pytest.approx(0.1 * street.rows[0, SPEED])
+        assert np.hypot(dx, dy) == pytest.approx(0.1 * street.rows[0, SPEED], abs=1e-3)
         assert street.rows[0, SPEED] == pytest.approx(1.3, abs=0.15)
         turn = np.angle(np.exp(1j * (street.rows[0, HEADING] - np.arctan2(dy, dx))))
-        assert abs(turn) < 0.002
+        assert abs(turn) < 0.01  # rows lie on a grid of a millimetre
         if street.track[0, MODE] != WALKING:
             break
 
@@ -81,7 +81,7 @@ def test_a_crowd_never_overlaps_and_everybody_gets_on(crowd):
             street.signals[:] = rng.choice([SIGNAL_GREEN, SIGNAL_YELLOW, SIGNAL_RED], 6)
             street.threatened[:] = rng.random(len(street.threatened)) < 0.3
         street.step()
-        assert gaps(street.rows).min() > -1e-9
+        assert gaps(street.rows).min() > -1.5e-3  # circles, on a grid of a millimetre
         moved = np.hypot(*(street.rows[:, [X, Y]] - anchor).T) > 1.0
         anchor[moved], since[moved] = street.rows[moved][:, [X, Y]], step
         assert (step - since).max() < 1800

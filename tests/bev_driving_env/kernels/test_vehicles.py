@@ -41,6 +41,8 @@ from .rail_scene import EGO_LENGTH_M, EGO_WIDTH_M, FAR_M, RailScene, anybody_tou
 
 EAST = 0  # the ring's rail on whose northern side traffic heads east
 DT_S = 0.1
+GRID_M = 5e-4
+"""Rows lie on a grid of a millimetre."""
 
 
 @pytest.fixture
@@ -237,7 +239,8 @@ def test_positions_are_those_of_the_rails_and_change_by_what_was_driven(scene):
     for _ in range(600):
         scene.step(DT_S)
         for row, track, motion in zip(*copies(scene), strict=True):
-            assert tuple(row[:3]) == rail_pose(scene.rails, int(track[RAIL]), motion[STATION])
+            pose = rail_pose(scene.rails, int(track[RAIL]), motion[STATION])
+            np.testing.assert_allclose(row[:3], pose, atol=GRID_M)
         moved = np.hypot(*(scene.vehicles - before)[:, :2].T)
         mean = 0.5 * (scene.vehicles[:, SPEED] + before[:, SPEED])
         np.testing.assert_allclose(moved, mean * DT_S, atol=0.03)
@@ -391,7 +394,7 @@ def test_setting_out_chooses_two_ways_and_writes_the_pose(scene):
     scene.vehicles[0, :3] = 77.0
     set_out(scene.rails, 5, scene.vehicles, scene.track, scene.motion)
     row, track = scene.vehicles[0], scene.track[0]
-    assert tuple(row[:3]) == rail_pose(scene.rails, road, 30.0)
+    np.testing.assert_allclose(row[:3], rail_pose(scene.rails, road, 30.0), atol=GRID_M)
     assert track[NEXT_RAIL] == choose_way(scene.rails, road, 5, 0, 0)
     assert track[AFTER_RAIL] == choose_way(scene.rails, int(track[NEXT_RAIL]), 5, 0, 1)
     assert track[CHOICES] == 2

@@ -81,7 +81,8 @@ def test_nobody_stands_on_a_stop_line_or_off_its_rail(rails):
     assert (motion[:, STATION] > half).all()
     assert (motion[:, STATION] < rails.length[track[:, RAIL]] - half).all()
     for row, rail, station in zip(rows, track[:, RAIL], motion[:, STATION], strict=True):
-        assert tuple(row[:3]) == rail_pose(rails, int(rail), station)
+        # rows lie on a grid of a millimetre
+        np.testing.assert_allclose(row[:3], rail_pose(rails, int(rail), station), atol=5e-4)
     assert not rows[:, SPEED].any()
 
 
