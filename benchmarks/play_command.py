@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from bev_driving_env.env import BEVTownEnv
 from bev_driving_env.towns.registry import town_names
+from bev_driving_env.world.traffic import PRESETS
 
 from .errors import UsageError
 from .suites import LOOKS
@@ -33,7 +34,8 @@ class PlayOptions:
         bev: BEV source.
         appearance: Look of the world.
         episode: Evaluation episode to start with.
-        seed: Seed of the looks.
+        seed: Seed of looks and traffic.
+        traffic: Other road users; with any, the signals work too.
     """
 
     town: str
@@ -41,6 +43,7 @@ class PlayOptions:
     appearance: str
     episode: int
     seed: int
+    traffic: str = "none"
 
     def __post_init__(self) -> None:
         if self.seed < 0:
@@ -62,7 +65,13 @@ def add_parser(verbs: Any) -> None:
         "--appearance", metavar="LOOK", help="train, test or hard; default: the paper's protocol"
     )
     parser.add_argument("--episode", type=int, default=0, help="0 to 4; default: 0")
-    parser.add_argument("--seed", type=int, default=0, help="of the looks; default: 0")
+    parser.add_argument("--seed", type=int, default=0, help="of looks and traffic; default: 0")
+    parser.add_argument(
+        "--traffic",
+        choices=PRESETS,
+        default="none",
+        help="with others on the road the signals work too; default: none",
+    )
     parser.set_defaults(command=run, interrupted="")
 
 
@@ -98,12 +107,21 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
         known = ", ".join(town_names())
         raise UsageError(f"unknown town {namespace.town!r}; available: {known}")
     look = namespace.appearance or LOOKS.get(namespace.town, "train")
-    options = PlayOptions(namespace.town, namespace.bev, look, namespace.episode, namespace.seed)
+    options = PlayOptions(
+        namespace.town,
+        namespace.bev,
+        look,
+        namespace.episode,
+        namespace.seed,
+        namespace.traffic,
+    )
     try:
         env = gym.make(
             f"bev_driving_env:BEV{options.town}-v0",
             bev_source=options.bev,
             appearance=options.appearance,
+            traffic=options.traffic,
+            traffic_lights=options.traffic != "none",
             render_mode="human",
         ).unwrapped
         assert isinstance(env, BEVTownEnv)

@@ -9,6 +9,7 @@ from benchmarks import play_command
 from benchmarks.cli import main
 from benchmarks.play_command import MOST_STEERING, command
 from bev_driving_env.env import BEVTownEnv
+from bev_driving_env.settings import EnvSettings
 
 pygame = pytest.importorskip("pygame")
 
@@ -150,6 +151,21 @@ def test_the_look_is_that_of_the_papers_protocol_unless_told(keys, monkeypatch):
         assert main(["play", "--town", "Town02", *arguments]) == 0
     assert [look for look, _ in looks] == ["test", "hard", "test"]
     assert {bev for _, bev in looks} == {"ground_truth"}
+
+
+def test_with_others_on_the_road_the_signals_work_too(keys, monkeypatch):
+    seen = {}
+    settings = EnvSettings.from_keywords
+
+    def spy(keywords):
+        seen.update(keywords)
+        return settings(keywords)
+
+    monkeypatch.setattr(EnvSettings, "from_keywords", spy)
+    keys()
+    assert main(["play", "--traffic", "light"]) == 0
+    assert (seen["traffic"], seen["traffic_lights"]) == ("light", True)
+
 
 
 @pytest.mark.usefixtures("no_display")
