@@ -18,6 +18,7 @@ from bev_driving_env.env import BEVTownEnv
 from bev_driving_env.files import write_bytes, write_json, write_text
 from bev_driving_env.sources.registry import bev_source_names, source_file
 from bev_driving_env.towns.registry import town_names
+from bev_driving_env.world.traffic import PRESETS
 
 from .drive import EpisodeResult
 from .errors import UsageError
@@ -25,7 +26,7 @@ from .maps import draw_trajectories, png_bytes
 from .provenance import file_hash, git_commit, provenance
 from .results import as_csv, as_json, score
 from .runner import claim_folder, run_jobs
-from .suites import SUITES, TRAFFIC, Suite, jobs_of
+from .suites import SUITES, Suite, jobs_of
 from .tables import leaderboard_table, table
 
 
@@ -116,7 +117,7 @@ def add_parser(verbs: Any) -> None:
     )
     parser.add_argument(
         "--traffic",
-        choices=TRAFFIC,
+        choices=PRESETS,
         help="other road users, for suites that have some; default: the suite's own (light)",
     )
     parser.add_argument("--seed", nargs="+", type=int, default=[0], metavar="N", help="default: 0")

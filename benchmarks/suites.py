@@ -13,15 +13,13 @@ from bev_driving_env.towns.registry import compiled_town, route_book
 LOOKS = {"Town01": "train", "Town02": "test"}
 """The paper's protocol: Town01 is seen, Town02 is held out, in place and in looks."""
 
-TRAFFIC = ("none", "light", "dense")
-
 
 @dataclass(frozen=True)
 class Conditions:
     """Keywords of the environment that a suite drives with.
 
     Attributes:
-        traffic: Other road users, one of ``TRAFFIC``.
+        traffic: Other road users, a preset.
         traffic_lights: Working signals.
         terminate_on: Infractions that end an episode; None for all.
         rules: Infraction thresholds that are not the environment's own, as (field, value) pairs.
@@ -103,7 +101,7 @@ SUITES = {
                 traffic="light",
                 traffic_lights=True,
                 terminate_on=("route_deviation", "blocked"),
-                # the Leaderboard's own thresholds
+                # the Leaderboard's first thresholds
                 rules=(("deviation_m", 30.0), ("blocked_s", 180.0)),
             ),
             leaderboard=True,

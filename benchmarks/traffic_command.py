@@ -45,8 +45,8 @@ class TrafficOptions:
         for value in self.town:
             if value not in town_names():
                 raise UsageError(f"unknown town {value!r}; available: {', '.join(town_names())}")
-        if not 0.0 < self.minutes <= 600.0:
-            raise UsageError(f"--minutes must be above 0 and at most 600, got {self.minutes}")
+        if not 0.01 <= self.minutes <= 600.0:
+            raise UsageError(f"--minutes must be from 0.01 to 600, got {self.minutes}")
         if min(self.seed) < 0:
             raise UsageError(f"--seed must be at least 0, got {min(self.seed)}")
 
@@ -117,7 +117,7 @@ def summary_table(flows: Sequence[TrafficFlow]) -> str:
     rows = []
     for town in dict.fromkeys(flow.town for flow in flows):
         group = [flow for flow in flows if flow.town == town]
-        through = mean(mean(flow.per_hour.values()) for flow in group)
+        through = mean(mean(flow.per_hour.values() or [0.0]) for flow in group)
         rows.append(
             [
                 town,

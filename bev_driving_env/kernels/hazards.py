@@ -31,7 +31,8 @@ CROSSING_HALF_M = 1.0
 CROSSING_JAM_M = 0.8
 EGO_SIGHT_M = 30.0
 EGO_MARGIN_M = 0.4
-EGO_LENGTH_M = 5.0
+NOMINAL_LENGTH_M = 5.0
+"""Added to gap and jam gap alike, as if the ego were followed from centre to centre."""
 APPROACH_MPS2 = 2.0
 """Deceleration with which slower rails ahead are approached."""
 COMMIT_MPS2 = 2.5
@@ -118,7 +119,19 @@ def ego_ahead(
     ego_half_length_m: float,
     ego_half_width_m: float,
 ) -> float:
-    """Metres that driver ``i``, now at (x, y), can go before it touches the ego, or inf."""
+    """Metres that driver ``i`` can go along its way before it touches the ego, or inf.
+
+    Args:
+        rails: The town's rails.
+        lineup: Drivers.
+        i: Which one.
+        x: World x of its centre.
+        y: World y.
+        half_width_m: Half its width.
+        ego: (4,).
+        ego_half_length_m: Half the ego's length.
+        ego_half_width_m: Half its width.
+    """
     dx, dy = ego[X] - x, ego[Y] - y
     if dx * dx + dy * dy > EGO_SIGHT_M * EGO_SIGHT_M:
         return math.inf
@@ -186,7 +199,19 @@ def strongest_interaction(
     ego: NDArray,
     heading: float,
 ) -> float:
-    """The greatest IDM interaction (m/s^2) among all that driver ``i`` has to mind."""
+    """The greatest IDM interaction (m/s^2) among all that driver ``i`` has to mind.
+
+    Args:
+        lineup: Drivers.
+        i: Which one.
+        leader: The driver ahead, or -1.
+        leader_m: Metres between their centres.
+        line_m: Metres from its front to the line it stops at, or inf.
+        people_m: Metres from its front to a crossing with people, or inf.
+        ego_m: Metres it can go before it touches the ego, or inf.
+        ego: (4,).
+        heading: Its own, radians.
+    """
     speed = lineup.speed[i]
     strongest = 0.0
     if leader != NOBODY:
@@ -201,6 +226,6 @@ def strongest_interaction(
     if ego_m < math.inf:
         along = ego[SPEED] * math.cos(ego[HEADING] - heading)
         # as far from bumper to bumper as from a leader
-        centres_m, jam_m = ego_m + EGO_LENGTH_M, JAM_GAP_M + EGO_LENGTH_M
+        centres_m, jam_m = ego_m + NOMINAL_LENGTH_M, JAM_GAP_M + NOMINAL_LENGTH_M
         strongest = max(strongest, idm_interaction(speed, centres_m, jam_m, speed - along))
     return strongest

@@ -32,7 +32,7 @@ def _compiled(function: Function, **options: bool) -> Function:
 
 
 def leaf_kernel(function: Function) -> Function:
-    """A kernel that allocates no arrays, compiled without reference counting.
+    """A kernel that allocates no arrays and returns none to Python, without reference counting.
 
     Counting costs more than the work itself in small functions that take tuples of arrays (30
     times as much, measured): Numba counts a reference up and down at each use of a member.

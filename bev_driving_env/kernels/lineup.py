@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
 from numpy.typing import NDArray
 
 from .jit import leaf_kernel
@@ -31,6 +30,8 @@ ON_ROUTE_RAD = math.radians(60.0)
 """The ego takes part in traffic while it is this near to its route and turned no farther."""
 EGO_BRAKING_MPS2 = 3.5
 """An ego that would have to brake harder to stop at a line is taken to go on."""
+AT_LINE_M = 10.0
+"""An ego farther from its line than this is not waiting there."""
 STANDING_MPS, OVER_M = 0.3, 1.5
 """Standing, it waits at its line even with its bumper this far over it."""
 
@@ -72,6 +73,8 @@ NUMBERS, METRES, ENDS = 5, 4, 2
 def lineup_in(numbers: NDArray, metres: NDArray, ends: NDArray) -> Lineup:
     """A line-up whose columns are rows of three tables: fewer arrays for Python to hand over.
 
+    For other kernels only: Python would be given whole tables for columns.
+
     Args:
         numbers: (5, D) int64.
         metres: (4, D) float64.
@@ -90,13 +93,6 @@ def lineup_in(numbers: NDArray, metres: NDArray, ends: NDArray) -> Lineup:
         ends[0],
         ends[1],
     )
-
-
-def empty_lineup(drivers: int, rails: int) -> Lineup:
-    """Room for a number of drivers on a number of rails."""
-    numbers, metres = np.zeros((NUMBERS, drivers), np.int64), np.zeros((METRES, drivers))
-    ends = np.zeros((ENDS, rails), np.int64)
-    return Lineup(*numbers[:3], *metres, *numbers[3:], *ends)
 
 
 @leaf_kernel
@@ -140,9 +136,12 @@ def line_up(
         lineup.length[i], lineup.waited[i] = vehicles[i, LENGTH], motion[i, WAITED_S]
         lineup.admitted[i] = track[i, ADMITTED]
     _place_ego(rails, ego, progress, route_rails, route_rail_m, route_rail_count, lineup)
-    lineup.length[count], lineup.waited[count] = ego_length_m, ego_waited_s
+    lineup.length[count], lineup.waited[count] = ego_length_m, 0.0
     if lineup.rail[count] >= 0:
-        _admit_ego(rails, lineup)
+        line_m = rails.length[lineup.rail[count]] - lineup.station[count] - 0.5 * ego_length_m
+        if line_m < AT_LINE_M:
+            lineup.waited[count] = ego_waited_s
+        _admit_ego(lineup, line_m)
     for i in range(count + 1):
         if lineup.rail[i] >= 0:
             _insert(lineup, i)
@@ -176,14 +175,13 @@ def _place_ego(
 
 
 @leaf_kernel
-def _admit_ego(rails: Rails, lineup: Lineup) -> None:
+def _admit_ego(lineup: Lineup, line_m: float) -> None:
     """An ego too near or too fast to stop at the line ahead is on its way into the junction."""
     i = lineup.rail.shape[0] - 1
-    ahead_m = rails.length[lineup.rail[i]] - lineup.station[i] - 0.5 * lineup.length[i]
     needed_m = lineup.speed[i] ** 2 / (2.0 * EGO_BRAKING_MPS2)
     if lineup.speed[i] < STANDING_MPS:
         needed_m = -OVER_M  # stopped a little late, it still waits at its line
-    lineup.admitted[i] = 1 if ahead_m < needed_m else 0
+    lineup.admitted[i] = 1 if line_m < needed_m else 0
 
 
 @leaf_kernel

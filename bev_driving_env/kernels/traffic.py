@@ -117,15 +117,15 @@ def step_traffic(
         track: (N, V, 6).
         motion: (N, V, 3).
         pedestrians: (N, P, 6).
-        pedestrian_track: (N, P, ...).
-        pedestrian_motion: (N, P, ...).
+        pedestrian_track: (N, P, 5).
+        pedestrian_motion: (N, P, 11).
         signals: (N, S) uint8.
-        waiting: (N,) bool output, whether the ego has something to wait for.
+        waiting: (N,) bool, whether the ego has something to wait for; updated.
     """
     count, people = vehicles.shape[1], pedestrians.shape[1]
     lineup = lineup_in(work.numbers, work.metres, work.ends)
     occupied, threatened = work.occupied, work.threatened
-    occupied[:] = 0
+    occupied[:] = 0  # nobody marks it where there are no pedestrians
     for n in range(ego.shape[0]):
         if not running[n]:
             continue
@@ -135,7 +135,7 @@ def step_traffic(
             mark_occupied(crossings, pedestrian_track[n], pedestrian_motion[n], occupied)
         line_up(
             rails, vehicles[n], track[n], motion[n], ego[n], 2.0 * half_length_m,
-            timers[n, STOPPED_S], progress[n], route_rails[n], route_rail_m[n],
+            patience(timers[n], waiting[n]), progress[n], route_rails[n], route_rail_m[n],
             route_rail_count[n], lineup,
         )  # fmt: skip
         slow = ego[n, SPEED] < SLOW_MPS
@@ -158,6 +158,12 @@ def step_traffic(
                 ego[n], half_length_m, half_width_m, vehicles[n], work.crowd, pedestrians[n],
                 pedestrian_track[n], pedestrian_motion[n],
             )  # fmt: skip
+
+
+@leaf_kernel
+def patience(timers: NDArray, waiting: bool) -> float:
+    """How long the ego has been standing because it had to (one that is parked starves nobody)."""
+    return timers[STOPPED_S] if waiting else 0.0
 
 
 @leaf_kernel
@@ -197,6 +203,7 @@ def ego_allowance(
     ego: NDArray,
     progress: NDArray,
     timers: NDArray,
+    waiting: bool,
     route_rails: NDArray,
     route_rail_m: NDArray,
     route_rail_count: int,
@@ -215,8 +222,8 @@ def ego_allowance(
     lineup, occupied = lineup_in(work.numbers, work.metres, work.ends), work.occupied
     mark_occupied(crossings, pedestrian_track, pedestrian_motion, occupied)
     line_up(
-        rails, vehicles, track, motion, ego, 2.0 * half_length_m, timers[STOPPED_S], progress,
-        route_rails, route_rail_m, route_rail_count, lineup,
+        rails, vehicles, track, motion, ego, 2.0 * half_length_m, patience(timers, waiting),
+        progress, route_rails, route_rail_m, route_rail_count, lineup,
     )  # fmt: skip
     if lineup.rail[count] < 0:
         return 0.0

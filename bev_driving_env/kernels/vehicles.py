@@ -33,7 +33,7 @@ from .layout import (
     X,
     Y,
 )
-from .lineup import NOBODY, NOWHERE, Lineup
+from .lineup import NOBODY, NOWHERE, STANDING_MPS, Lineup
 from .noise import mix, uniform
 from .rails import Rails, rail_pose
 from .right_of_way import FREE, FULL
@@ -44,8 +44,7 @@ WAYS = 0x7A4C
 BUMPER_M = 0.5
 """Bumpers never come closer than this, whatever the model says."""
 REROUTE_S = 6.0
-"""Who has waited this long for room behind a junction takes another way."""
-STANDING_MPS = 0.3
+"""Who has waited this long and then finds no room behind the junction takes another way."""
 
 
 @leaf_kernel

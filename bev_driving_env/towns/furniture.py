@@ -287,7 +287,7 @@ def _yard(
     if what < 0.35:
         x, y, heading = frontage.place(station + width / 2.0, frontage.building_line_m + 0.5)
         site.build(Prop(HEDGE, x, y, heading, width - 2.0, 0.7, rng.uniform(0.8, 1.6), variant), 0)
-    elif what < 0.7 and setback > 4.0:
+    elif what < 0.7 and setback > 4.0 and width > 6.0:
         x, y, heading = frontage.place(station + rng.uniform(3.0, width - 3.0), middle)
         site.build(Prop(CAR, x, y, heading, 4.3, 1.8, 1.5, variant), 0.0)
     else:

@@ -50,7 +50,7 @@ class Rules:
     Attributes:
         deviation_m: Distance from the planned lane centre that counts as ``route_deviation``.
         wrong_lane_s: Time in an opposing lane that counts as ``wrong_lane``.
-        blocked_s: Time below ``blocked_mps`` that counts as ``blocked``.
+        blocked_s: Time below ``blocked_mps``, with nothing to wait for, that counts as ``blocked``.
         blocked_mps: See above.
         success_fraction: Share of the route that must be done ...
         success_distance_m: ... and distance to its end, for success.

@@ -11,8 +11,9 @@ from ..towns.compiled import CompiledTown
 from ..towns.rails import route_rails
 from ..towns.route import Route
 from .config import WorldConfig
-from .pedestrians import capacity, place_pedestrians
+from .pedestrians import place_pedestrians
 from .state import WorldState
+from .traffic import traffic_room
 from .vehicles import place_vehicles, vehicle_slots
 
 
@@ -43,12 +44,11 @@ class Streets:
             len(streets.sidewalks.crossings.length),
         )
         self._slots = vehicle_slots(tables)
-        rooms = {"vehicles": len(self._slots) - 5, "pedestrians": capacity(streets.sidewalks)}
-        for name, room in rooms.items():
+        for name, room in traffic_room(town, dense=config.dense_furniture).items():
             wanted = getattr(config.traffic, name)
-            if wanted > max(room, 0):
+            if wanted > room:
                 raise ValueError(
-                    f"{town.name} has room for {max(room, 0)} {name}, got {wanted}; ask for fewer"
+                    f"{town.name} has room for {room} {name}, got {wanted}; ask for fewer"
                 )
 
     def fill(self, state: WorldState, world: int, route: Route) -> None:
@@ -109,6 +109,7 @@ class Streets:
                 state.ego[world],
                 state.progress[world],
                 state.timers[world],
+                bool(state.waiting[world]),
                 state.route_rails[world],
                 state.route_rail_m[world],
                 state.route_rail_count[world],

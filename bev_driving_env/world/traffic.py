@@ -70,7 +70,7 @@ def check_traffic(traffic: Traffic) -> None:
     if not isinstance(traffic, Mapping) or not set(traffic) <= set(KEYS):
         raise ValueError(
             f"traffic must be one of {', '.join(map(repr, PRESETS))} or a dict with the keys "
-            f"{' and '.join(KEYS)}, got {traffic!r}"
+            f'{" and ".join(KEYS)}, as {{"vehicles": 30, "pedestrians": 20}}, got {traffic!r}'
         )
     _counted(traffic, False)
 
@@ -78,7 +78,8 @@ def check_traffic(traffic: Traffic) -> None:
 def traffic_config(traffic: Traffic, lights: bool, town: CompiledTown) -> TrafficConfig:
     """What a ``traffic`` keyword means in a town.
 
-    Towns that NoCrash does not know get as many as Town01 per metre of road lane.
+    Towns that NoCrash does not know get as many as Town01 per metre of road lane, or as many as
+    there is room for.
 
     >>> from bev_driving_env.towns.registry import compiled_town
     >>> traffic_config("dense", True, compiled_town("Town02"))
@@ -95,10 +96,22 @@ def traffic_config(traffic: Traffic, lights: bool, town: CompiledTown) -> Traffi
         vehicles, pedestrians = known[town.name]
         return TrafficConfig(vehicles, pedestrians, lights)
     share = road_lane_m(town) / TOWN01_LANE_M
-    vehicles, pedestrians = (int(share * count) for count in known["Town01"])
-    if town.cross_section.sidewalk_m == 0.0:
-        pedestrians = 0
+    room = traffic_room(town)
+    vehicles, pedestrians = (
+        min(int(share * count), room[name])
+        for name, count in zip(KEYS, known["Town01"], strict=True)
+    )
     return TrafficConfig(vehicles, pedestrians, lights)
+
+
+def traffic_room(town: CompiledTown, *, dense: bool = False) -> dict[str, int]:
+    """How many ``vehicles`` and ``pedestrians`` a town has room for, wherever the ego starts."""
+    from .pedestrians import capacity
+    from .vehicles import vehicle_room
+
+    streets = town.traffic(dense=dense)
+    counts = vehicle_room(streets.network.tables), capacity(streets.sidewalks)
+    return dict(zip(KEYS, counts, strict=True))
 
 
 def _counted(traffic: Mapping[str, int], lights: bool) -> TrafficConfig:

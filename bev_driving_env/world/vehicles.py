@@ -62,6 +62,16 @@ def vehicle_slots(rails: Rails) -> NDArray[np.float64]:
     return np.array(slots, np.float64).reshape(-1, 4)
 
 
+def vehicle_room(rails: Rails) -> int:
+    """How many vehicles there is room for, wherever on the roads the ego starts."""
+    places = vehicle_slots(rails)[:, 2:]
+    if not len(places):
+        return 0
+    # an ego between two places takes at most what lies this near to one of them
+    near = np.hypot(*(places[:, None] - places).transpose(2, 0, 1)) < EGO_CLEAR_M + SLOT_M
+    return max(len(places) - int(near.sum(axis=1).max()), 0)
+
+
 def place_vehicles(
     rails: Rails,
     slots: NDArray[np.float64],
@@ -88,7 +98,7 @@ def place_vehicles(
     """
     free = slots[np.hypot(slots[:, 2] - ego[0], slots[:, 3] - ego[1]) > EGO_CLEAR_M]
     if count > len(free):
-        raise ValueError(f"there is room for {len(free)} vehicles in this town, got {count}")
+        raise ValueError(f"there is room for {len(free)} vehicles, got {count}; ask for fewer")
     chosen = free[rng.choice(len(free), count, replace=False)]
     kind = rng.choice(len(KINDS), count, p=[item.share for item in KINDS])
     ranges = np.array([[k.length_m, k.width_m, k.wanted_mps] for k in KINDS])[kind]  # (V, 3, 2)

@@ -167,7 +167,6 @@ def test_with_others_on_the_road_the_signals_work_too(keys, monkeypatch):
     assert (seen["traffic"], seen["traffic_lights"]) == ("light", True)
 
 
-
 @pytest.mark.usefixtures("no_display")
 def test_without_a_display_one_line_says_so(capsys):
     assert main(["play", "--town", "Town02"]) == 2

@@ -27,13 +27,22 @@ from bev_driving_env.kernels.layout import (
     WANTED_MPS,
     WIDTH,
 )
-from bev_driving_env.kernels.lineup import empty_lineup, line_up
+from bev_driving_env.kernels.lineup import ENDS, METRES, NUMBERS, Lineup, line_up
 from bev_driving_env.kernels.overlap import boxes_overlap
 from bev_driving_env.kernels.rails import rail_pose
 from bev_driving_env.kernels.vehicles import step_vehicles
 from bev_driving_env.towns.rails import route_rails
 
 FAR_M = 1e4
+
+
+def empty_lineup(drivers, rails):
+    """Room for a number of drivers on a number of rails."""
+    numbers, metres = np.zeros((NUMBERS, drivers), np.int64), np.zeros((METRES, drivers))
+    ends = np.zeros((ENDS, rails), np.int64)
+    return Lineup(*numbers[:3], *metres, *numbers[3:], *ends)
+
+
 EGO_LENGTH_M, EGO_WIDTH_M = 4.9, 2.0
 # where traffic enters and leaves junction B1 of the ladder; its stem comes from the south
 ARMS = {

@@ -1,13 +1,25 @@
 """The car-following model against highway-env's own vehicles."""
 
+import importlib.util
+
 import numpy as np
 import pytest
 from highway_env.road.road import Road, RoadNetwork
-from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle import behavior
 
 from bev_driving_env.kernels import idm
 from bev_driving_env.kernels.idm import idm_free, idm_interaction
 
+
+def pristine(module):
+    """A module loaded anew: highway-env's intersections overwrite parameters of its classes."""
+    spec = importlib.util.spec_from_file_location("pristine", module.__file__)
+    fresh = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(fresh)
+    return fresh
+
+
+IDMVehicle = pristine(behavior).IDMVehicle
 CENTRES_JAM_M = idm.JAM_GAP_M + IDMVehicle.LENGTH
 LIMIT_MPS = 50.0
 

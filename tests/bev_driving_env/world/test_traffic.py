@@ -1,10 +1,17 @@
 import re
 from types import MappingProxyType
 
+import numpy as np
 import pytest
 
+from bev_driving_env.kernels.layout import LAST_RAIL, LENGTH, RAIL, STOPPED_S
+from bev_driving_env.towns.build import build_grid_town
 from bev_driving_env.towns.compiled import compile_network
-from bev_driving_env.towns.registry import compiled_town
+from bev_driving_env.towns.grid import GridTown
+from bev_driving_env.towns.registry import compiled_town, route_book
+from bev_driving_env.towns.route import random_route
+from bev_driving_env.world.config import WorldConfig
+from bev_driving_env.world.core import World
 from bev_driving_env.world.traffic import (
     PRESETS,
     TOWN01_LANE_M,
@@ -12,6 +19,7 @@ from bev_driving_env.world.traffic import (
     check_traffic,
     road_lane_m,
     traffic_config,
+    traffic_room,
 )
 
 # vehicles and pedestrians of NoCrash (Codevilla et al. 2019, section 4): empty, regular, dense
@@ -133,3 +141,51 @@ def test_valid_traffic_is_let_through_before_any_town_is_known(traffic):
 def test_lights_must_be_true_or_false(ladder):
     with pytest.raises(ValueError, match="traffic_lights must be True or False, got 1"):
         traffic_config("none", 1, ladder)
+
+
+def test_in_a_small_town_a_preset_means_as_many_as_there_is_room_for():
+    table = GridTown(
+        columns={"A": 0.0, "B": 60.0},
+        rows={"1": 0.0, "2": 40.0},
+        links="A1-B1 B1-B2 A2-B2 A1-A2",
+        junctions="",
+        corners="A1 10  B1 10  B2 10  A2 10",
+        sidewalk_m=1.2,
+    )
+    town = compile_network("narrow", build_grid_town(table))
+    config = traffic_config("dense", False, town)
+    assert config.pedestrians == 0  # nobody can walk there
+    assert 0 < config.vehicles <= traffic_room(town)["vehicles"]
+    World(town, WorldConfig(traffic=config))
+
+
+@pytest.mark.parametrize("name", ["Town01", "Town02"])
+def test_a_full_town_can_be_filled_wherever_the_ego_starts(name):
+    town = compiled_town(name)
+    traffic = TrafficConfig(vehicles=traffic_room(town)["vehicles"])
+    world = World(town, WorldConfig(traffic=traffic))
+    for seed in range(60):
+        world.rngs[0] = np.random.default_rng(seed)
+        world.place(0, random_route(town, world.rngs[0], 100.0, 400.0))
+    assert (world.state.vehicles[0, :, LENGTH] > 0.0).all()
+
+
+def test_an_ego_that_is_parked_closes_no_road():
+    # whoever had to wait long is let go first; whoever just stands is not
+    town = compiled_town("Town01")
+    world = World(town, WorldConfig(traffic=TrafficConfig(vehicles=100)))
+    world.rngs[0] = np.random.default_rng(0)
+    world.place(0, route_book("Town01").route("route", 0, town))
+    road, onward, beyond = world.state.route_rails[0, :3]
+    tables = town.traffic().network.tables
+    assert tables.movement[onward]
+    assert not tables.movement[road]
+    entered = set()
+    for step in range(4000):
+        world.step(np.zeros((1, 2)))
+        track = world.state.vehicle_track[0]
+        if step > 800:
+            others = (track[:, RAIL] == beyond) & (track[:, LAST_RAIL] != onward)
+            entered |= set(np.flatnonzero(others))
+    assert world.state.timers[0, STOPPED_S] > 390.0
+    assert len(entered) >= 4
