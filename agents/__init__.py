@@ -1,7 +1,45 @@
-"""Drivers: the ``Agent`` protocol, the privileged expert, and agents by name."""
+"""Drivers: the ``Agent`` protocol, the privileged expert, the Beta policy, agents by name.
+
+What needs torch and Stable-Baselines3 is loaded when it is first used.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
 
 from .expert import Expert
 from .protocol import Agent
 from .registry import make_agent
 
-__all__ = ["Agent", "Expert", "make_agent"]
+if TYPE_CHECKING:
+    from .beta import beta_nll
+    from .checkpoint import load_weights, save_weights
+    from .policy import BetaPolicy
+
+__all__ = [
+    "Agent",
+    "BetaPolicy",
+    "Expert",
+    "beta_nll",
+    "load_weights",
+    "make_agent",
+    "save_weights",
+]
+
+_HOMES = {
+    "BetaPolicy": "policy",
+    "beta_nll": "beta",
+    "load_weights": "checkpoint",
+    "save_weights": "checkpoint",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOMES})
