@@ -15,6 +15,7 @@ from .towns.registry import register_builtin_towns, register_town, road_network
 if TYPE_CHECKING:
     from .env import BEVTownEnv
     from .highway import BEVObservation
+    from .logs.drive_log import DriveLog
     from .sources.corrupted import CorruptedBEV
     from .sources.protocol import BEVSource, BEVSourceError, SensorFrame
     from .sources.registry import make_bev_source, register_bev_source
@@ -29,6 +30,7 @@ __all__ = [
     "BEVTownEnv",
     "BEVTownVectorEnv",
     "CorruptedBEV",
+    "DriveLog",
     "SensorFrame",
     "__version__",
     "make_bev_source",
@@ -45,6 +47,7 @@ _HOMES = {
     "BEVTownEnv": "env",
     "BEVTownVectorEnv": "vector_env",
     "CorruptedBEV": "sources.corrupted",
+    "DriveLog": "logs.drive_log",
     "SensorFrame": "sources.protocol",
     "make_bev_source": "sources.registry",
     "register_bev_source": "sources.registry",
