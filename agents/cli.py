@@ -11,7 +11,7 @@ from typing import NoReturn
 from benchmarks.errors import UsageError
 from bev_driving_env.logs.errors import LogError
 
-from . import collect_command, info_command
+from . import collect_command, info_command, train_command
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -30,6 +30,7 @@ def build_parser() -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="COMMAND")
     collect_command.add_parser(verbs)
     info_command.add_parser(verbs)
+    train_command.add_parser(verbs)
     return parser
 
 

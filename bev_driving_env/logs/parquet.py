@@ -34,26 +34,26 @@ def write_table(
     import pyarrow.parquet as pq
 
     table = pa.table({name: pa.array(column) for name, column in columns.items()})
-    table = table.replace_schema_metadata({METADATA_KEY: metadata.encode()})
     encodings = {
         name: "DELTA_BINARY_PACKED" if name in delta else "BYTE_STREAM_SPLIT" for name in columns
     }
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
-        pq.write_table(
-            table,
+        with pq.ParquetWriter(
             str(temporary),
+            table.schema,
             compression="zstd",
             compression_level=COMPRESSION_LEVEL,
             use_dictionary=False,
             column_encoding=encodings,
             write_statistics=False,
             write_page_checksum=True,
-            # pyarrow would keep the metadata a second time, as part of its own schema
+            # the types are those of Parquet; pyarrow's own schema would only take room
             store_schema=False,
-            row_group_size=max(1, table.num_rows),
-        )
+        ) as writer:
+            writer.write_table(table, row_group_size=max(1, table.num_rows))
+            writer.add_key_value_metadata({METADATA_KEY: metadata.encode()})
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)

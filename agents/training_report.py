@@ -1,0 +1,163 @@
+"""What a training leaves behind: options, progress bar, metrics, checkpoint, weights and card."""
+
+from __future__ import annotations
+
+import csv
+import io
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+from tqdm import tqdm
+
+from benchmarks.provenance import provenance
+from bev_driving_env.files import write_text
+
+from .checkpoint import save_weights
+from .network import NetworkConfig
+from .training import Measured, Trainer
+from .training_config import TrainingConfig
+
+CHECKPOINT, WEIGHTS, METRICS = "checkpoint.pt", "policy.safetensors", "metrics.csv"
+
+
+@dataclass(frozen=True)
+class TrainOptions:
+    """Options of ``bev-agents train``.
+
+    Attributes:
+        data: Folders of drive logs.
+        out: Folder for the policy.
+        network: What the policy sees.
+        training: How to train.
+        weighting: ``"none"`` or ``"kde"``.
+        dagger: Rounds in which the policy drives and the expert labels.
+        checkpoint_s: Seconds between checkpoints.
+        device: Where.
+        overwrite: Discard what the output folder holds.
+        tensorboard: Also write TensorBoard events.
+    """
+
+    data: tuple[Path, ...]
+    out: Path
+    network: NetworkConfig
+    training: TrainingConfig
+    weighting: str
+    dagger: int
+    checkpoint_s: float
+    device: torch.device
+    overwrite: bool
+    tensorboard: bool
+
+    def __post_init__(self) -> None:
+        if self.dagger < 0:
+            raise ValueError(f"--dagger must be at least 0, got {self.dagger}")
+        if not self.checkpoint_s > 0.0:
+            raise ValueError(f"--checkpoint-minutes must be positive, got {self.checkpoint_s / 60}")
+
+    def ends(self) -> list[int]:
+        """Step at which each phase ends: one before each DAgger round, and one after the last.
+
+        One learning-rate cycle spans them, so that the last part of it learns from all rounds.
+        """
+        phases = self.dagger + 1
+        return [self.training.steps * (phase + 1) // phases for phase in range(phases)]
+
+
+class Report:
+    """Progress bar, metrics and files of a training; silent in all processes but the first."""
+
+    def __init__(
+        self, options: TrainOptions, argv: Sequence[str], trainer: Trainer, chief: bool
+    ) -> None:
+        self._options, self._argv, self._trainer, self._chief = options, argv, trainer, chief
+        # before the bar, which would stand before an error
+        self._events: Any = None
+        if options.tensorboard and chief:
+            self._events = _tensorboard(options.out)
+        self._bar: tqdm[Any] = tqdm(
+            total=options.training.steps,
+            initial=trainer.step,
+            unit="step",
+            desc="training",
+            disable=not chief,
+        )
+        self._smoothed: float | None = None
+
+    def __enter__(self) -> Report:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.close()
+        if self._events is not None:
+            self._events.close()
+
+    def step(self, measured: Measured) -> None:
+        """Move the bar."""
+        before = measured.nll if self._smoothed is None else self._smoothed
+        self._smoothed = 0.95 * before + 0.05 * measured.nll
+        self._bar.update()
+
+    def validated(self, measured: Measured, value: float) -> None:
+        """Add a row."""
+        trainer = self._trainer
+        row = {
+            "step": float(trainer.step),
+            "samples": float(trainer.step * self._options.training.batch_size),
+            "minutes": trainer.trained_s / 60.0,
+            "train_nll": float(self._smoothed or 0.0),
+            "validation_nll": value,
+            "learning_rate": measured.learning_rate,
+            "gradient_norm": measured.gradient_norm,
+        }
+        trainer.rows.append(row)
+        self._bar.set_postfix(train=f"{row['train_nll']:.3f}", validation=f"{value:.3f}")
+        if self._events is not None:
+            for name, number in row.items():
+                self._events.add_scalar(name, number, trainer.step)
+
+    def keep(self) -> None:
+        """Write checkpoint, metrics and the best policy."""
+        if not self._chief:
+            return
+        options, trainer = self._options, self._trainer
+        trainer.save(options.out / CHECKPOINT)
+        write_text(options.out / METRICS, _as_csv(trainer.rows))
+        save_weights(trainer.best_policy(), options.out / WEIGHTS, self._card())
+
+    def _card(self) -> dict[str, Any]:
+        """What the weights file says about where it came from."""
+        options, trainer = self._options, self._trainer
+        note = provenance(self._argv, [options.training.seed])
+        validated = bool(trainer.rows)
+        return {
+            **note,
+            "command": shlex.join(["bev-agents", *self._argv]),
+            "data": [str(folder) for folder in options.data],
+            "weighting": options.weighting,
+            "dagger_rounds": sum(trainer.step > end for end in options.ends()[:-1]),
+            "steps": trainer.step,
+            "hours": round(trainer.trained_s / 3600.0, 4),
+            "validation_nll": trainer.best_nll if validated else None,
+        }
+
+
+def _as_csv(rows: Sequence[dict[str, float]]) -> str:
+    text = io.StringIO()
+    if rows:
+        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in rows)
+    return text.getvalue()
+
+
+def _tensorboard(folder: Path) -> Any:
+    """A writer of events; ImportError with the cure if TensorBoard is not installed."""
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError as error:
+        raise ImportError("--tensorboard needs pip install tensorboard") from error
+    return SummaryWriter(str(folder))
