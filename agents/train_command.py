@@ -51,8 +51,8 @@ def add_parser(verbs: Any) -> None:
         "train",
         help="train a policy on drive logs",
         description="Clone the expert's behaviour from drive logs. Writes policy.safetensors (the "
-        "best by validation since the last DAgger round), metrics.csv and checkpoint.pt; the same command resumes. Runs under "
-        "torchrun too: every process takes its share of each batch.",
+        "best by validation since the last DAgger round), metrics.csv and checkpoint.pt; the same "
+        "command resumes. Runs under torchrun too: every process takes its share of each batch.",
     )
     add = parser.add_argument
     add("--data", nargs="+", type=Path, required=True, metavar="FOLDER", help="drive logs")

@@ -1,6 +1,5 @@
 """Tables in Parquet files: exact, and clear about files that are not sound."""
 
-
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
