@@ -155,7 +155,9 @@ def test_no_vehicles_make_empty_tables(few_rails):
 def test_more_vehicles_than_there_is_room_for_are_refused(few_rails):
     room = len(vehicle_slots(few_rails))
     assert len(placed(few_rails, room)[0]) == room
-    with pytest.raises(ValueError, match=f"room for {room} vehicles, got {room + 1}; ask for fewer"):
+    with pytest.raises(
+        ValueError, match=f"room for {room} vehicles, got {room + 1}; ask for fewer"
+    ):
         placed(few_rails, room + 1)
 
 
