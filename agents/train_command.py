@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import math
 import signal
 import threading
@@ -17,6 +18,7 @@ import torch
 import torch.distributed as dist
 
 from benchmarks.errors import UsageError
+from bev_driving_env.files import write_json
 from bev_driving_env.frames import CHANNELS
 from bev_driving_env.logs.header import LogHeader
 
@@ -31,6 +33,7 @@ from .training_report import CHECKPOINT, METRICS, WEIGHTS, Report, TrainOptions
 from .weighting import WEIGHTINGS, kde_weights
 
 DAGGER = "dagger"
+RECIPE = "training.json"
 DEFAULTS = TrainingConfig()
 NUMBERS = (
     ("steps", int),
@@ -143,8 +146,10 @@ def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
     validation = SampleSet(open_logs(options.data), "val", channels=depth)
     trainer = Trainer(options.training, options.network, options.device)
     checkpoint = options.out / CHECKPOINT
-    if options.overwrite and chief:
-        _discard(options)
+    if chief:
+        if options.overwrite:
+            _discard(options)
+        _claim(options)
     _wait(trainer)
     if checkpoint.exists():
         trainer.restore(checkpoint)
@@ -196,9 +201,36 @@ def _phase(
             return
 
 
+def _claim(options: TrainOptions) -> None:
+    """Note what is learned from, or find that it is what this folder was made of.
+
+    Raises:
+        ValueError: The folder holds a policy that learned from something else.
+    """
+    path = options.out / RECIPE
+    recipe: dict[str, Any] = {
+        "data": [str(folder) for folder in options.data],
+        "weighting": options.weighting,
+        "dagger": options.dagger,
+    }
+    if not path.exists():
+        write_json(path, recipe)
+        return
+    try:
+        kept = dict(json.loads(path.read_text(encoding="utf-8")))
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{path} is not the file of a training: {error}") from error
+    for name, value in recipe.items():
+        if kept.get(name) != value:
+            raise ValueError(
+                f"{options.out} holds a training with {name} {kept.get(name)!r}, this one has "
+                f"{value!r}: choose another --out, or add --overwrite"
+            )
+
+
 def _discard(options: TrainOptions) -> None:
     """Remove this command's own files from the output folder, and nothing else."""
-    for name in (CHECKPOINT, WEIGHTS, METRICS):
+    for name in (CHECKPOINT, WEIGHTS, METRICS, RECIPE):
         (options.out / name).unlink(missing_ok=True)
     for folder in (options.out / DAGGER).glob("round_*"):
         discard(folder)

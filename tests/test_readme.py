@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -40,6 +41,9 @@ def test_python_block_runs_as_written(number, tmp_path):
 def test_benchmark_line_runs_as_written(command, tmp_path):
     driver = next(block for block in BLOCKS if block.startswith("# my_driver.py"))
     (tmp_path / "my_driver.py").write_text(driver, encoding="utf-8")
+    weights = tmp_path / "runs/bc/policy.safetensors"
+    weights.parent.mkdir(parents=True)
+    shutil.copyfile(ROOT / "agents/weights/bc.safetensors", weights)
     program, *arguments = shlex.split(command)
     assert program == "bev-bench"
     printed = run([sys.executable, "-m", "benchmarks.cli", *arguments], tmp_path)
@@ -48,6 +52,23 @@ def test_benchmark_line_runs_as_written(command, tmp_path):
     out = tmp_path / arguments[arguments.index("--out") + 1]
     assert (out / f"map_{town}.png").exists()
     assert any(out.glob("videos/*.mp4")) == ("--video" in arguments)
+
+
+SHORTER = {
+    "collect": ["--collections", "1", "--routes", "0", "4", "--time-limit", "3"],
+    "train": ["--dagger", "0", "--steps", "2", "--batch-size", "4"],
+    "info": [],
+}
+"""What makes a line of ``bev-agents`` quick; the last of two equal options counts."""
+
+
+def test_agents_lines_run_one_after_the_other(tmp_path):
+    lines = re.findall(r"^bev-agents (.*)$", BASH, flags=re.MULTILINE)
+    assert {shlex.split(line)[0] for line in lines} == set(SHORTER)
+    for line in lines:
+        arguments = shlex.split(line)
+        run([sys.executable, "-m", "agents.cli", *arguments, *SHORTER[arguments[0]]], tmp_path)
+    assert (tmp_path / "runs/bc/policy.safetensors").exists()
 
 
 @pytest.mark.parametrize("command", TRAFFIC)
