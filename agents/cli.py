@@ -6,20 +6,11 @@ import argparse
 import signal
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
 
-from benchmarks.errors import UsageError
+from bev_driving_env.command_line import OneLineParser, UsageError
 from bev_driving_env.logs.errors import LogError
 
 from . import collect_command, info_command, train_command
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """Reports a mistake in one line and exits with 2."""
-
-    def error(self, message: str) -> NoReturn:
-        """Exit with one line instead of the whole usage."""
-        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
 def build_parser() -> argparse.ArgumentParser:

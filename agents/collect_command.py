@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.errors import UsageError
-from benchmarks.provenance import provenance
 from bev_driving_env.cameras.look import APPEARANCES
+from bev_driving_env.command_line import UsageError
 from bev_driving_env.env import BEVTownEnv
 from bev_driving_env.logs.drive_log import log_bytes
 from bev_driving_env.logs.header import LogHeader
+from bev_driving_env.provenance import provenance
 from bev_driving_env.settings import EnvSettings
 from bev_driving_env.towns.registry import town_names
 from bev_driving_env.world.traffic import PRESETS

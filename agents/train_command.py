@@ -17,7 +17,7 @@ from typing import Any
 import torch
 import torch.distributed as dist
 
-from benchmarks.errors import UsageError
+from bev_driving_env.command_line import UsageError
 from bev_driving_env.files import write_json
 from bev_driving_env.frames import CHANNELS
 from bev_driving_env.logs.header import LogHeader

@@ -13,8 +13,8 @@ from typing import Any
 import torch
 from tqdm import tqdm
 
-from benchmarks.provenance import provenance
 from bev_driving_env.files import write_text
+from bev_driving_env.provenance import provenance
 
 from .checkpoint import save_weights
 from .network import NetworkConfig

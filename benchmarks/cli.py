@@ -7,18 +7,10 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
-from typing import NoReturn
+
+from bev_driving_env.command_line import OneLineParser, UsageError
 
 from . import play_command, run_command, speed_command, traffic_command
-from .errors import UsageError
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """Reports a mistake in one line and exits with 2."""
-
-    def error(self, message: str) -> NoReturn:
-        """Exit with one line instead of the whole usage."""
-        self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
 
 
 def build_parser() -> argparse.ArgumentParser:

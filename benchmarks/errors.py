@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-
-class UsageError(Exception):
-    """Something the user can put right; reported in one line, exit status 2."""
+from bev_driving_env.command_line import UsageError
 
 
 class OtherRunError(UsageError):

@@ -11,11 +11,11 @@ import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 
+from bev_driving_env.command_line import UsageError
 from bev_driving_env.env import BEVTownEnv
 from bev_driving_env.towns.registry import town_names
 from bev_driving_env.world.traffic import PRESETS
 
-from .errors import UsageError
 from .suites import LOOKS
 
 STEERING_STEP = 0.06

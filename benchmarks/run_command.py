@@ -14,16 +14,16 @@ from typing import Any
 from agents import make_agent
 from agents.registry import FORMS, agent_source
 from bev_driving_env._version import __version__
+from bev_driving_env.command_line import UsageError
 from bev_driving_env.env import BEVTownEnv
 from bev_driving_env.files import write_bytes, write_json, write_text
+from bev_driving_env.provenance import file_hash, git_commit, provenance
 from bev_driving_env.sources.registry import bev_source_names, source_file
 from bev_driving_env.towns.registry import town_names
 from bev_driving_env.world.traffic import PRESETS
 
 from .drive import EpisodeResult
-from .errors import UsageError
 from .maps import draw_trajectories, png_bytes
-from .provenance import file_hash, git_commit, provenance
 from .results import as_csv, as_json, score
 from .runner import claim_folder, run_jobs
 from .suites import SUITES, Suite, jobs_of

@@ -8,10 +8,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from bev_driving_env.command_line import UsageError
 from bev_driving_env.files import write_json
+from bev_driving_env.provenance import cpu_name, provenance
 
-from .errors import UsageError
-from .provenance import cpu_name, provenance
 from .results import markdown
 from .speed import figures
 from .speed_cameras import metadrive_line

@@ -11,12 +11,12 @@ from typing import Any
 
 from tqdm import tqdm
 
+from bev_driving_env.command_line import UsageError
 from bev_driving_env.files import write_json
+from bev_driving_env.provenance import provenance
 from bev_driving_env.towns.registry import town_names
 from bev_driving_env.world.traffic import PRESETS
 
-from .errors import UsageError
-from .provenance import provenance
 from .results import markdown
 from .traffic_flow import TrafficFlow, measure_flow
 

@@ -34,12 +34,21 @@ def foreign_packages() -> dict[str, str]:
 
 def bench() -> int:
     """``bev-bench``."""
+    return _run("bev-bench", "benchmarks.cli")
+
+
+def agents() -> int:
+    """``bev-agents``."""
+    return _run("bev-agents", "agents.cli")
+
+
+def _run(program: str, module: str) -> int:
     for name, found in foreign_packages().items():
         print(
-            f"bev-bench: needs BEVTown's own package {name!r}, but Python finds {found}; "
+            f"{program}: needs BEVTown's own package {name!r}, but Python finds {found}; "
             f"use a virtual environment of its own, or take that folder off PYTHONPATH",
             file=sys.stderr,
         )
         return 2
-    main = importlib.import_module("benchmarks.cli").main
+    main = importlib.import_module(module).main
     return int(main())

@@ -4,8 +4,8 @@ import json
 import shlex
 from importlib.metadata import version
 
-from benchmarks import provenance as module
-from benchmarks.provenance import git_commit, provenance
+from bev_driving_env import provenance as module
+from bev_driving_env.provenance import git_commit, provenance
 
 
 def test_provenance_names_command_seeds_versions_and_date():
