@@ -55,3 +55,20 @@ def test_the_example_is_found_by_the_name_its_documentation_gives():
     np.testing.assert_array_equal(first["bev"], again["bev"])
     text = (ROOT / "examples" / "my_predictor.py").read_text(encoding="utf-8")
     assert f"bev-bench run --bev {SOURCE}" in text
+
+
+def test_ppo_in_one_file_learns_something_from_every_batch():
+    arguments = ["--steps", "256", "--worlds", "2", "--horizon", "64", "--epochs", "1"]
+    done = subprocess.run(
+        [sys.executable, "examples/ppo.py", *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert [line.split()[0] for line in lines[:2]] == ["128", "256"]
+    action = [float(word.strip("[],")) for word in lines[-1].split()[-2:]]
+    assert all(-1.0 <= value <= 1.0 for value in action)
