@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import signal
 import sys
 from collections.abc import Sequence
 
-from bev_driving_env.command_line import OneLineParser, UsageError
+from bev_driving_env.command_line import OneLineParser, run_verb
 from bev_driving_env.logs.errors import LogError
 
 from . import collect_command, info_command, train_command
@@ -36,17 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         130 interrupted.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    # a polite kill takes the same way out as Ctrl-C
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    options = build_parser().parse_args(arguments)
-    try:
-        return int(options.command(options, arguments))
-    except (UsageError, LogError, OSError) as error:
-        print(f"bev-agents {options.verb}: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print(f"\nbev-agents {options.verb}: interrupted{options.interrupted}", file=sys.stderr)
-        return 130
+    return run_verb(build_parser(), arguments, (LogError,))
 
 
 if __name__ == "__main__":

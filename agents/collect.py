@@ -7,13 +7,11 @@ import functools
 import json
 import multiprocessing
 import shutil
-import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 from tqdm import tqdm
 
@@ -26,6 +24,7 @@ from bev_driving_env.logs.header import HEADER_FILE, EpisodeHeader, LogHeader, e
 from bev_driving_env.logs.recorder import EpisodeRecorder
 from bev_driving_env.settings import EnvSettings
 from bev_driving_env.towns.registry import compiled_town, route_book
+from bev_driving_env.workers import become_worker
 from bev_driving_env.world.core import World
 
 from .expert import Expert
@@ -226,7 +225,7 @@ def _collect_all(
     # spawned, not forked: the parent may hold threads (progress bar, numerical libraries)
     context = multiprocessing.get_context("spawn")
     size = min(workers, len(jobs))
-    with ProcessPoolExecutor(size, mp_context=context, initializer=_become_worker) as pool:
+    with ProcessPoolExecutor(size, mp_context=context, initializer=become_worker) as pool:
         futures = [
             pool.submit(_drive_and_keep, header.town, settings, job, episodes) for job in jobs
         ]
@@ -237,12 +236,6 @@ def _collect_all(
             # episodes under way are finished and kept, the others are left for the next time
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-
-
-def _become_worker() -> None:
-    """Leave Ctrl-C to the parent, and keep to one thread."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    cv2.setNumThreads(1)
 
 
 def _drive_and_keep(town: str, settings: str, job: EpisodeJob, episodes: Path) -> int:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import argparse
 import os
-import signal
 import sys
 from collections.abc import Sequence
 
-from bev_driving_env.command_line import OneLineParser, UsageError
+from bev_driving_env.command_line import OneLineParser, run_verb
 
 from . import play_command, run_command, speed_command, traffic_command
 
@@ -39,19 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # so that "module:factory" finds a module in the current folder, as "python -m" would
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
-    # a polite kill takes the same way out as Ctrl-C
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    parser = build_parser()
-    options = parser.parse_args(arguments)
-    try:
-        return int(options.command(options, arguments))
-    except (UsageError, OSError) as error:
-        print(f"bev-bench {options.verb}: {error}", file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        hint = options.interrupted
-        print(f"\nbev-bench {options.verb}: interrupted{hint}", file=sys.stderr)
-        return 130
+    return run_verb(build_parser(), arguments)
 
 
 if __name__ == "__main__":

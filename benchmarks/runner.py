@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import json
 import multiprocessing
-import os
-import signal
-import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-import cv2
 from tqdm import tqdm
 
 from bev_driving_env.files import write_json
+from bev_driving_env.workers import become_worker
 
 from .drive import EpisodeResult, drive
 from .errors import OtherRunError
@@ -66,7 +63,7 @@ def _drive_all(
     # spawned, not forked: the parent may hold threads (progress bar, numerical libraries)
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(
-        min(workers, len(jobs)), mp_context=context, initializer=_become_worker
+        min(workers, len(jobs)), mp_context=context, initializer=become_worker
     )
     others = set(multiprocessing.active_children())
     try:
@@ -80,25 +77,6 @@ def _drive_all(
             worker.terminate()
         raise
     pool.shutdown()
-
-
-def _become_worker() -> None:
-    """Make a process leave Ctrl-C to its parent, end when it does, and keep to one thread.
-
-    Processes that share cores slow each other down manyfold when each also starts threads.
-    """
-    os.environ.setdefault("OMP_NUM_THREADS", "1")  # read by PyTorch, which is not loaded yet
-    cv2.setNumThreads(1)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
-    parent = multiprocessing.parent_process()
-    assert parent is not None
-
-    def wait() -> None:
-        parent.join()
-        os._exit(1)
-
-    threading.Thread(target=wait, daemon=True).start()
 
 
 def drive_and_keep(job: Job, folder: Path, film: Path | None = None) -> EpisodeResult:

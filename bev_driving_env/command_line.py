@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import signal
+import sys
+from collections.abc import Sequence
 from typing import NoReturn
 
 
@@ -16,3 +19,33 @@ class OneLineParser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Exit with one line instead of the whole usage."""
         self.exit(2, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def run_verb(
+    parser: argparse.ArgumentParser,
+    arguments: Sequence[str],
+    mistakes: tuple[type[Exception], ...] = (),
+) -> int:
+    """Run the verb that the arguments name.
+
+    Args:
+        parser: Its verbs have set ``command``, called with the parsed and the raw arguments, and
+            ``interrupted``, what to say after an interruption.
+        arguments: Arguments without the program's name.
+        mistakes: What is reported in one line, besides ``UsageError`` and ``OSError``.
+
+    Returns:
+        Exit status: the command's, 2 for a mistake, 130 if interrupted.
+    """
+    # a polite kill takes the same way out as Ctrl-C
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    options = parser.parse_args(arguments)
+    told: tuple[type[Exception], ...] = (UsageError, OSError, *mistakes)
+    try:
+        return int(options.command(options, arguments))
+    except told as error:
+        print(f"{parser.prog} {options.verb}: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print(f"\n{parser.prog} {options.verb}: interrupted{options.interrupted}", file=sys.stderr)
+        return 130

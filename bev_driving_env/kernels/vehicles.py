@@ -35,7 +35,7 @@ from .layout import (
 )
 from .lineup import NOBODY, NOWHERE, STANDING_MPS, Lineup
 from .noise import mix, uniform
-from .rails import Rails, rail_pose
+from .rails import CROSSING, CROSSING_M, Rails, rail_pose
 from .right_of_way import FREE, FULL
 from .snap import PER_UNIT, snap, write_row
 
@@ -244,10 +244,9 @@ def clear_crossings(
 def _mark_between(
     rails: Rails, rail: int, low_m: float, high_m: float, threatened: NDArray
 ) -> None:
-    from_, to = rails.crossing_first[rail], rails.crossing_first[rail + 1]
-    for k in range(from_, to):
-        if low_m <= rails.crossings[k, 1] <= high_m:
-            threatened[int(rails.crossings[k, 0])] = 1
+    for k in range(rails.crossing_first[rail], rails.crossing_first[rail + 1]):
+        if low_m <= rails.crossings[k, CROSSING_M] <= high_m:
+            threatened[int(rails.crossings[k, CROSSING])] = 1
 
 
 @leaf_kernel

@@ -1,6 +1,8 @@
 """``bev-agents``: collecting a log and looking at it."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 
@@ -85,3 +87,9 @@ def test_looking_at_what_is_no_log_is_one_line(tmp_path, capsys):
     assert status == 2
     assert len(errors) == 1
     assert "is not a drive log" in errors[0]
+
+
+def test_only_training_loads_pytorch():
+    code = "import sys, agents.cli; agents.cli.build_parser(); print('torch' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False"]
