@@ -1,0 +1,304 @@
+"""What ``bev-agents ppo`` does: PPO with the Beta policy, validated and kept as it goes."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import shlex
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from tqdm import tqdm
+
+from bev_driving_env.command_line import UsageError
+from bev_driving_env.files import write_bytes, write_json
+from bev_driving_env.provenance import file_hash, provenance
+from bev_driving_env.vector_env import BEVTownVectorEnv
+
+from .checkpoint import load_weights, save_weights
+from .learning_curve import CURVE_CSV, CURVE_PNG, read_curve, write_curve
+from .policy import BetaPolicy
+from .ppo_config import FINE_TUNING, FROM_SCRATCH, PPOConfig
+from .registry import agent_source
+from .sb3_vec_env import SB3VecEnv
+from .split_drive import SplitDrive
+
+MODEL, WEIGHTS, RECIPE = "model.zip", "policy.safetensors", "ppo.json"
+VALIDATION = "val"
+
+
+@dataclass(frozen=True)
+class PPOOptions:
+    """Options of ``bev-agents ppo``.
+
+    Attributes:
+        town: Where it drives.
+        start: Name or file of the policy to go on from; None starts with random weights.
+        settings: Keywords of the environment.
+        config: Of PPO.
+        out: Folder for model, weights and learning curve.
+        overwrite: Discard what the folder holds.
+    """
+
+    town: str
+    start: str | None
+    settings: dict[str, Any]
+    config: PPOConfig
+    out: Path
+    overwrite: bool
+
+    def recipe(self) -> dict[str, Any]:
+        """What must be the same for a run to go on where another stopped."""
+        config = asdict(self.config)
+        del config["steps"]
+        return {"town": self.town, "from": self.start, "settings": self.settings, **config}
+
+    def title(self) -> str:
+        """Of the learning curve."""
+        start = "from scratch" if self.start is None else f"from {self.start}"
+        return f"PPO with a Beta policy, {self.town}, {start}, seed {self.config.seed}"
+
+
+@dataclass(frozen=True)
+class Falling:
+    """A learning rate that falls linearly to a tenth; a class, so that it can be pickled."""
+
+    peak: float
+
+    def __call__(self, remaining: float) -> float:
+        """The rate when this share of the training remains."""
+        return self.peak * (0.1 + 0.9 * remaining)
+
+
+def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
+    """Run the verb.
+
+    Raises:
+        UsageError: The arguments are not valid, or the folder holds another run.
+    """
+    if namespace.threads is not None:
+        torch.set_num_threads(max(1, namespace.threads))
+    try:
+        options = _options(namespace)
+        _train(options, argv)
+    except (ValueError, OSError) as error:
+        raise UsageError(str(error)) from error
+    return 0
+
+
+def _options(namespace: argparse.Namespace) -> PPOOptions:
+    defaults = FROM_SCRATCH if namespace.start is None else FINE_TUNING
+    given = {name: getattr(namespace, name) for name in asdict(defaults)}
+    config = replace(defaults, **{k: v for k, v in given.items() if v is not None})
+    settings = {"traffic": namespace.traffic, "traffic_lights": namespace.lights}
+    return PPOOptions(
+        namespace.town, namespace.start, settings, config, namespace.out, namespace.overwrite
+    )
+
+
+def _train(options: PPOOptions, argv: Sequence[str]) -> None:
+    _claim(options)
+    config = options.config
+    worlds = BEVTownVectorEnv(
+        config.worlds, options.town, autoreset_mode="SameStep", **options.settings
+    )
+    envs = SB3VecEnv(worlds)
+    saved = options.out / MODEL
+    if saved.exists():
+        model = PPO.load(saved, env=envs, device="cpu")
+        # or it would drive its first episodes again
+        model.set_random_seed(config.seed + model.num_timesteps)
+    else:
+        model = _new_model(options, envs)
+    left = config.steps - model.num_timesteps
+    follower = Follower(options, argv, model.num_timesteps)
+    if left > 0:
+        with follower.bar:
+            model.learn(left, callback=follower, reset_num_timesteps=False)
+            follower.finish()
+    best = max(follower.rows, key=_merit)
+    print(
+        f"{options.out / WEIGHTS}: after {best['steps']:,.0f} steps {best['val_clean']:.0%} of the "
+        f"validation routes clean, {best['val_route_share']:.0%} driven; {options.out / CURVE_PNG}"
+    )
+
+
+def _new_model(options: PPOOptions, envs: SB3VecEnv) -> PPO:
+    """A model with new weights, or with those to go on from."""
+    config = options.config
+    # one peak, and only the speed: what it did before it may only learn to repeat
+    keywords: dict[str, Any] = {"concentration_floor": 1.0, "measurements": (0,)}
+    weights = None
+    if options.start is not None:
+        start = load_weights(_source(options.start))
+        weights = start.actor().state_dict()
+        network = start.config
+        keywords = {
+            "channels": network.channels,
+            "measurements": network.measurements,
+            "speed_scale_mps": network.speed_scale_mps,
+            "concentration_floor": network.concentration_floor,
+        }
+    model = PPO(
+        BetaPolicy,
+        envs,
+        learning_rate=Falling(config.learning_rate),
+        n_steps=config.horizon,
+        batch_size=config.batch_size,
+        n_epochs=config.epochs,
+        gamma=config.gamma,
+        gae_lambda=config.gae_lambda,
+        clip_range=config.clip_range,
+        ent_coef=config.entropy_weight,
+        target_kl=config.target_kl,
+        policy_kwargs=keywords,
+        seed=config.seed,
+        device="cpu",
+    )
+    if weights is not None:
+        assert isinstance(model.policy, BetaPolicy)
+        model.policy.actor().load_state_dict(weights)
+    return model
+
+
+def _source(start: str) -> Path:
+    path = agent_source(start)
+    if path is None or path.suffix != ".safetensors":
+        raise ValueError(
+            f"--from {start!r} must be 'bc' or the .safetensors file of a Beta policy "
+            "(Stable-Baselines3's own zips go on with PPO.load)"
+        )
+    return path
+
+
+def _claim(options: PPOOptions) -> None:
+    """Note what is trained, or find that it is what this folder was made of.
+
+    Raises:
+        ValueError: The folder holds a run of something else.
+    """
+    path, recipe = options.out / RECIPE, options.recipe()
+    if options.start is not None:
+        _source(options.start)
+    if options.overwrite:
+        for name in (MODEL, WEIGHTS, RECIPE, CURVE_CSV, CURVE_PNG):
+            (options.out / name).unlink(missing_ok=True)
+    if not path.exists():
+        write_json(path, recipe)
+        return
+    kept = json.loads(path.read_text(encoding="utf-8"))
+    for name, value in recipe.items():
+        if kept.get(name) != value:
+            raise ValueError(
+                f"{options.out} holds a run with {name} {kept.get(name)!r}, this one has "
+                f"{value!r}: choose another --out, or add --overwrite"
+            )
+
+
+def _merit(row: dict[str, float]) -> tuple[float, float]:
+    return row["val_clean"], row["val_return"]
+
+
+class Follower(BaseCallback):
+    """Validates, moves the bar, and keeps model, weights and curve after each validation."""
+
+    def __init__(self, options: PPOOptions, argv: Sequence[str], first: int) -> None:
+        super().__init__()
+        self._options, self._argv = options, argv
+        self._drive = SplitDrive(
+            options.town, VALIDATION, options.config.validation_routes, **options.settings
+        )
+        self.rows = read_curve(options.out / CURVE_CSV)
+        self._minutes = self.rows[-1]["minutes"] if self.rows else 0.0
+        self._since = time.monotonic()
+        self._ended: list[dict[str, Any]] = []
+        self.bar: tqdm[Any] = tqdm(
+            total=options.config.steps, initial=first, unit="step", desc="PPO"
+        )
+
+    def _on_training_start(self) -> None:
+        self._set_actor_learns()
+        if not self.rows:  # what it knows before it has learned anything
+            self._validate()
+
+    def _on_step(self) -> bool:
+        self._ended += [i["episode_summary"] for i in self.locals["infos"] if i]
+        return True
+
+    def _on_rollout_start(self) -> None:
+        # the update on the rollout before this one is done
+        self.bar.update(self.num_timesteps - self.bar.n)
+        self._set_actor_learns()
+        if self.num_timesteps - self.rows[-1]["steps"] >= self._options.config.validate_every:
+            self._validate()
+
+    def finish(self) -> None:
+        """Validate what the last update made."""
+        self.bar.update(self.num_timesteps - self.bar.n)
+        if self.rows[-1]["steps"] < self.num_timesteps:
+            self._validate()
+
+    def _set_actor_learns(self) -> None:
+        learns = self.num_timesteps >= self._options.config.critic_steps
+        policy = self.model.policy
+        assert isinstance(policy, BetaPolicy)
+        for parameter in policy.actor().parameters():
+            parameter.requires_grad_(learns)
+
+    def _validate(self) -> None:
+        policy = self.model.policy
+        assert isinstance(policy, BetaPolicy)
+        result = self._drive.drive(policy)
+        shares = [e["route_m"] / e["route_length_m"] for e in self._ended]
+        row = {
+            "steps": float(self.num_timesteps),
+            "minutes": self._minutes + (time.monotonic() - self._since) / 60.0,
+            "train_episodes": float(len(self._ended)),
+            "train_return": _mean([e["return"] for e in self._ended]),
+            "train_route_share": _mean(shares),
+            "val_return": result.mean_return,
+            "val_route_share": result.route_share,
+            "val_clean": result.clean,
+        }
+        self._ended = []
+        best = max(map(_merit, self.rows), default=(-1.0, 0.0))
+        self.rows.append(row)
+        out = self._options.out
+        if _merit(row) > best:
+            save_weights(policy, out / WEIGHTS, self._card(row))
+        write_curve(out, self.rows, self._options.title())
+        stored = io.BytesIO()
+        self.model.save(stored)
+        write_bytes(out / MODEL, stored.getvalue())
+        self.bar.set_postfix(
+            clean=f"{result.clean:.0%}",
+            route=f"{result.route_share:.0%}",
+            ret=f"{result.mean_return:.0f}",
+        )
+
+    def _card(self, row: dict[str, float]) -> dict[str, Any]:
+        """What the weights file says about where it came from."""
+        options = self._options
+        start = options.start
+        return {
+            **provenance(self._argv, [options.config.seed]),
+            "command": shlex.join(["bev-agents", *self._argv]),
+            "from": start,
+            "from_hash": None if start is None else file_hash(_source(start)),
+            "steps": int(row["steps"]),
+            "hours": round(row["minutes"] / 60.0, 4),
+            "validation_clean": row["val_clean"],
+            "validation_return": row["val_return"],
+        }
+
+
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if values else float("nan")
