@@ -16,11 +16,13 @@ if TYPE_CHECKING:
     from .beta import beta_nll
     from .checkpoint import load_weights, save_weights
     from .policy import BetaPolicy
+    from .sb3_vec_env import SB3VecEnv
 
 __all__ = [
     "Agent",
     "BetaPolicy",
     "Expert",
+    "SB3VecEnv",
     "beta_nll",
     "load_weights",
     "make_agent",
@@ -29,6 +31,7 @@ __all__ = [
 
 _HOMES = {
     "BetaPolicy": "policy",
+    "SB3VecEnv": "sb3_vec_env",
     "beta_nll": "beta",
     "load_weights": "checkpoint",
     "save_weights": "checkpoint",

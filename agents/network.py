@@ -141,10 +141,10 @@ class BEVEncoder(nn.Module):
         Returns:
             Features (N, 256).
         """
-        # chosen before they become floats: most of the time of small batches goes into that
-        seen = bev[:, list(self.config.channels)].float() / 255.0
+        # chosen before they become floats: much of the time of small batches goes into that;
         # training is a quarter faster with the channels last in memory
-        seen = seen.contiguous(memory_format=torch.channels_last)
+        chosen = bev[:, list(self.config.channels)]
+        seen = chosen.to(torch.float32, memory_format=torch.channels_last, copy=True).div_(255.0)
         measured = measurements[:, list(self.config.measurements)].float() * self.scale
         joined = torch.cat([self.convolutions(seen), self.measured(measured)], dim=1)
         return self.fusion(joined)

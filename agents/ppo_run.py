@@ -105,19 +105,24 @@ def _options(namespace: argparse.Namespace) -> PPOOptions:
 
 
 def _train(options: PPOOptions, argv: Sequence[str]) -> None:
-    _claim(options)
+    _require_same_recipe(options)
     config = options.config
     worlds = BEVTownVectorEnv(
         config.worlds, options.town, autoreset_mode="SameStep", **options.settings
     )
     envs = SB3VecEnv(worlds)
     saved = options.out / MODEL
-    if saved.exists():
+    if saved.exists() and not options.overwrite:
         model = PPO.load(saved, env=envs, device="cpu")
         # or it would drive its first episodes again
         model.set_random_seed(config.seed + model.num_timesteps)
     else:
         model = _new_model(options, envs)
+    # nothing is written or discarded before all that can be wrong has been looked at
+    if options.overwrite:
+        for name in (MODEL, WEIGHTS, CURVE_CSV, CURVE_PNG):
+            (options.out / name).unlink(missing_ok=True)
+    write_json(options.out / RECIPE, options.recipe())
     left = config.steps - model.num_timesteps
     follower = Follower(options, argv, model.num_timesteps)
     if left > 0:
@@ -179,20 +184,10 @@ def _source(start: str) -> Path:
     return path
 
 
-def _claim(options: PPOOptions) -> None:
-    """Note what is trained, or find that it is what this folder was made of.
-
-    Raises:
-        ValueError: The folder holds a run of something else.
-    """
+def _require_same_recipe(options: PPOOptions) -> None:
+    """Raise ValueError if the folder holds a run of something else."""
     path, recipe = options.out / RECIPE, options.recipe()
-    if options.start is not None:
-        _source(options.start)
-    if options.overwrite:
-        for name in (MODEL, WEIGHTS, RECIPE, CURVE_CSV, CURVE_PNG):
-            (options.out / name).unlink(missing_ok=True)
-    if not path.exists():
-        write_json(path, recipe)
+    if options.overwrite or not path.exists():
         return
     kept = json.loads(path.read_text(encoding="utf-8"))
     for name, value in recipe.items():

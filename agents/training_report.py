@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -132,7 +133,8 @@ class Report:
         """What the weights file says about where it came from."""
         options, trainer = self._options, self._trainer
         note = provenance(self._argv, [options.training.seed])
-        validated = bool(trainer.rows)
+        # none right after a DAgger round: what was best before it counts no more
+        validated = math.isfinite(trainer.best_nll)
         return {
             **note,
             "command": shlex.join(["bev-agents", *self._argv]),

@@ -84,6 +84,14 @@ def test_overwriting_starts_anew_and_leaves_other_files_alone(log, tmp_path):
     assert (tmp_path / "mine.txt").read_text(encoding="utf-8") == "keep"
 
 
+def test_a_checkpoint_right_after_a_dagger_round_says_that_nothing_was_validated(log, tmp_path):
+    arguments = ["train", "--data", str(log), "--out", str(tmp_path), *SHORT]
+    # every step is kept, also the third, the first since the round: only even ones are validated
+    assert main([*arguments, "--dagger", "1", "--checkpoint-minutes", "1e-9"]) == 0
+    card = weights_card(tmp_path / "policy.safetensors")
+    assert (card["dagger_rounds"], card["steps"]) == (1, 4)
+
+
 def test_without_a_log_one_line_says_so(tmp_path, capsys):
     missing = tmp_path / "nothing"
     assert main(["train", "--data", str(missing), "--out", str(tmp_path / "out"), *SHORT]) == 2
