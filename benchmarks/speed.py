@@ -16,7 +16,7 @@ import gymnasium as gym
 import numpy as np
 from tqdm import tqdm
 
-from . import speed_cameras, speed_traffic
+from . import speed_cameras, speed_logs, speed_traffic
 from .speed_figure import Figure
 from .speed_steps import Timing, env_steps, highway_steps, recorded_actions
 
@@ -161,7 +161,7 @@ def figures(rounds: int, seconds: float, seed: int = 0) -> list[Figure]:
         ratio("single", "vector"),
     )
     rate = {name: 1.0 / median(values) for name, values in times.items()}
-    return [
+    measured = [
         Figure("BEVTown01-v0, ground-truth BEV, one env", rate["single"], "steps/s"),
         Figure("BEVTown01-v0, vector env, 64 worlds", rate["vector"], "steps/s"),
         Figure("highway-env intersection-v2, 192 x 192 gray", rate["highway"], "steps/s"),
@@ -181,4 +181,9 @@ def figures(rounds: int, seconds: float, seed: int = 0) -> list[Figure]:
         ),
         *speed_traffic.figures(rounds, seconds, seed),
         *speed_cameras.figures(rounds, seconds),
+        *speed_logs.figures(rounds, seconds, seed),
     ]
+    # PyTorch takes seconds to load, and nothing before needs it
+    from . import speed_policy
+
+    return measured + speed_policy.figures(rounds, seconds, seed)

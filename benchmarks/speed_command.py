@@ -24,8 +24,8 @@ class SpeedOptions:
 
     Attributes:
         rounds: How often each environment is timed.
-        seconds: Roughly how long each timing takes.
-        seed: Seed of highway-env's traffic; BEVTown drives a fixed episode.
+        seconds: Roughly how long each timing takes; drive logs follow, see ``log_length``.
+        seed: Seed of traffic and of drive logs; without traffic, a fixed episode is driven.
         out: JSON file for the figures, or None.
     """
 
@@ -51,14 +51,19 @@ def add_parser(verbs: Any) -> None:
         description="Measure steps per second, memory and start-up time on this machine, one "
         "thread, each environment in turn. Ratios are medians over rounds. The work per step "
         "differs: intersection-v2 simulates some ten vehicles, BEVTown draws six channels. The "
-        "cameras are compared with OpenCV warping the bare ground to images of the same size.",
+        "cameras are compared with OpenCV warping the bare ground to images of the same size. "
+        "Drive logs are of dense traffic. The policy is the shipped 'bc'; what is trained is one "
+        "like it, while a second thread renders.",
     )
     parser.add_argument("--rounds", type=int, default=7, help="timings of each; default: 7")
     parser.add_argument(
-        "--seconds", type=float, default=0.5, help="length of each timing; default: 0.5"
+        "--seconds",
+        type=float,
+        default=0.5,
+        help="length of each timing; less also makes the drive logs shorter; default: 0.5",
     )
     parser.add_argument("--out", type=Path, help="also write the figures to this JSON file")
-    parser.add_argument("--seed", type=int, default=0, help="of highway-env's traffic; default: 0")
+    parser.add_argument("--seed", type=int, default=0, help="of traffic and drive logs; default: 0")
     parser.set_defaults(command=run, interrupted="")
 
 

@@ -1,4 +1,4 @@
-"""Results to sum up, made by hand."""
+"""Results to sum up, made by hand, and short drive logs."""
 
 from __future__ import annotations
 
@@ -8,8 +8,18 @@ from typing import Any
 
 import pytest
 
+from benchmarks import speed_logs
 from benchmarks.drive import EpisodeResult
 from benchmarks.suites import Conditions, Job
+
+
+@pytest.fixture
+def short_logs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Drive logs whose speed is measured have episodes of two seconds."""
+    whole = speed_logs.log_settings
+    monkeypatch.setattr(
+        speed_logs, "log_settings", lambda *given: {**whole(*given), "time_limit_s": 2.0}
+    )
 
 
 @pytest.fixture

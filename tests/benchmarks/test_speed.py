@@ -2,7 +2,9 @@ from __future__ import annotations
 
 import json
 
-from benchmarks import speed
+import pytest
+
+from benchmarks import speed, speed_policy
 from benchmarks.cli import main
 from benchmarks.speed import Figure
 from benchmarks.speed_command import as_table
@@ -26,13 +28,16 @@ def test_the_table_marks_missed_targets_and_only_those():
     assert "1,234 steps/s" in rate
 
 
+@pytest.mark.usefixtures("short_logs")
 def test_speed_measures_everything_and_writes_it_with_provenance(tmp_path, monkeypatch, capsys):
     # a fresh compilation takes ten seconds and is what `make speed` is for
     monkeypatch.setattr(
         speed, "measure_first_use", lambda: {"cold": 10.0, "warm": 1.0, "import": 0.2}
     )
+    monkeypatch.setattr(speed_policy, "WORLDS", 2)
+    monkeypatch.setattr(speed_policy, "BATCH", 2)
     out = tmp_path / "speed.json"
-    assert main(["speed", "--rounds", "1", "--seconds", "0.05", "--out", str(out)]) == 0
+    assert main(["speed", "--rounds", "1", "--seconds", "0.01", "--out", str(out)]) == 0
     printed = capsys.readouterr().out
     content = json.loads(out.read_text(encoding="utf-8"))
     values = {entry["name"]: entry["value"] for entry in content["figures"]}
@@ -41,6 +46,8 @@ def test_speed_measures_everything_and_writes_it_with_provenance(tmp_path, monke
     single = values["BEVTown01-v0, ground-truth BEV, one env"]
     highway = values["highway-env intersection-v2, 192 x 192 gray"]
     assert abs(values["one env / intersection-v2"] / (single / highway) - 1.0) < 1e-6
+    for measured in ("collecting", "four cameras at 112 x 240", "bc, one observation", "training"):
+        assert any(measured in name for name in values)
     assert content["provenance"]["command"].startswith("bev-bench speed")
 
 
