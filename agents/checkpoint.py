@@ -10,31 +10,29 @@ learning from a file::
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
-import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save as as_safetensors
-from torch import Tensor
 
-from bev_driving_env.files import write_bytes
+from bev_driving_env.weights_file import (
+    WeightsError,
+    read_tensors,
+    read_weights_header,
+    write_weights,
+)
 
 from .network import NetworkConfig
 
 if TYPE_CHECKING:
     from .policy import BetaPolicy
 
-KEY = "bevtown_policy"
+__all__ = ["WeightsError", "load_weights", "save_weights", "weights_card"]
+
+KIND = "bevtown_policy"
 VERSION = 1
-
-
-class WeightsError(ValueError):
-    """A file that holds no policy weights of this version."""
 
 
 def save_weights(policy: BetaPolicy, path: str | Path, card: Mapping[str, Any]) -> None:
@@ -49,19 +47,12 @@ def save_weights(policy: BetaPolicy, path: str | Path, card: Mapping[str, Any]) 
         ValueError: A weight is not finite in half precision.
         TypeError: The card holds something that JSON cannot.
     """
-    halves: dict[str, Tensor] = {}
-    for name, value in policy.actor().state_dict().items():
-        halves[name] = value.detach().cpu().to(torch.float16).contiguous()
-        if not torch.isfinite(halves[name]).all():
-            raise ValueError(f"{name} holds values that are not finite in half precision")
     header = {
-        "version": VERSION,
         "config": policy.config.as_json(),
         "deterministic_action": policy.action_dist.point,
         "card": dict(card),
     }
-    content = as_safetensors(halves, metadata={KEY: json.dumps(header, allow_nan=False)})
-    write_bytes(Path(path), content)
+    write_weights(Path(path), KIND, VERSION, header, policy.actor().state_dict())
 
 
 def load_weights(path: str | Path) -> BetaPolicy:
@@ -79,7 +70,7 @@ def load_weights(path: str | Path) -> BetaPolicy:
     """
     from .policy import BetaPolicy
 
-    header = _header(Path(path))
+    header = read_weights_header(Path(path), KIND, VERSION)
     try:
         config = NetworkConfig.from_json(header["config"])
         policy = BetaPolicy(
@@ -92,8 +83,8 @@ def load_weights(path: str | Path) -> BetaPolicy:
             concentration_floor=config.concentration_floor,
             deterministic_action=header["deterministic_action"],
         )
-        policy.actor().load_state_dict(_tensors(Path(path)))
-    except (SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
+        policy.actor().load_state_dict(read_tensors(Path(path)))
+    except (KeyError, TypeError, ValueError, RuntimeError) as error:
         reason = str(error).partition("\n")[0]
         raise WeightsError(
             f"{path} does not hold the policy that it describes: {reason}"
@@ -104,36 +95,7 @@ def load_weights(path: str | Path) -> BetaPolicy:
 
 def weights_card(path: str | Path) -> dict[str, Any]:
     """The card of a file, without making a policy; errors as in :func:`load_weights`."""
-    return dict(_header(Path(path)).get("card", {}))
-
-
-def _tensors(path: Path) -> dict[str, Tensor]:
-    """Tensors of a file by name, in single precision."""
-    with safe_open(path, framework="pt") as file:
-        return {name: file.get_tensor(name).float() for name in file.keys()}  # noqa: SIM118
-
-
-def _header(path: Path) -> dict[str, Any]:
-    """What a file says about itself, checked for kind and version."""
-    if not path.is_file():
-        raise FileNotFoundError(f"there is no file {path}")
-    try:
-        with safe_open(path, framework="pt") as file:
-            text = (file.metadata() or {}).get(KEY)
-    except (SafetensorError, OSError) as error:
-        raise WeightsError(f"{path} is damaged or no safetensors file: {error}") from error
-    if text is None:
-        raise WeightsError(f"{path} is a safetensors file, but not of a BEVTown policy")
-    try:
-        header = json.loads(text)
-        version = int(header["version"])
-    except (KeyError, TypeError, ValueError) as error:
-        raise WeightsError(f"{path} has a header that cannot be read: {error!r}") from error
-    if version > VERSION:
-        raise WeightsError(
-            f"{path} is of version {version}, this BEVTown reads up to {VERSION}: update BEVTown"
-        )
-    return header
+    return dict(read_weights_header(Path(path), KIND, VERSION).get("card", {}))
 
 
 def _observation_space(size: int) -> gym.spaces.Dict:

@@ -11,7 +11,7 @@ import torch
 import bev_driving_env
 from agents import Agent, load_weights, save_weights
 from agents.beta_agent import BetaAgent, load_beta_agent
-from agents.checkpoint import KEY, VERSION, WeightsError, weights_card
+from agents.checkpoint import KIND, VERSION, WeightsError, weights_card
 from agents.policy import BetaPolicy
 
 CARD = {"trained_on": "Town01", "clean_episodes": 10}
@@ -56,8 +56,8 @@ def rewritten(path, change):
 
 
 def own_header(header, **fields):
-    stored = json.loads(header["__metadata__"][KEY])
-    header["__metadata__"][KEY] = json.dumps({**stored, **fields})
+    stored = json.loads(header["__metadata__"][KIND])
+    header["__metadata__"][KIND] = json.dumps({**stored, **fields})
 
 
 def test_a_policy_comes_back_in_half_precision(policy, path):
@@ -126,7 +126,7 @@ def test_a_file_of_another_kind_is_refused(path):
 
 def test_weights_of_something_else_are_refused(path):
     rewritten(path, lambda header: header["__metadata__"].clear())
-    with pytest.raises(WeightsError, match="not of a BEVTown policy"):
+    with pytest.raises(WeightsError, match="is no bevtown_policy"):
         load_weights(path)
 
 
