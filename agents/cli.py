@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from bev_driving_env.command_line import OneLineParser, run_verb
 from bev_driving_env.logs.errors import LogError
 
-from . import collect_command, info_command, ppo_command, train_command
+from . import collect_command, export_command, info_command, ppo_command, train_command
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -20,6 +20,7 @@ def build_parser() -> argparse.ArgumentParser:
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="COMMAND")
     collect_command.add_parser(verbs)
     info_command.add_parser(verbs)
+    export_command.add_parser(verbs)
     train_command.add_parser(verbs)
     ppo_command.add_parser(verbs)
     return parser

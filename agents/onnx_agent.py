@@ -65,9 +65,15 @@ class ONNXAgent:
         """Nothing to do: a model keeps no state, and draws nothing that the seed could set."""
 
     def act(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
-        """The model's action (2,); ValueError where its output is none."""
+        """The model's action (2,); ValueError where it fails, or its output is none."""
         feeds = {name: feed(observation)[None] for name, feed in self._feeds.items()}
-        output = np.asarray(self.session.run(None, feeds)[0])
+        try:
+            output = np.asarray(self.session.run(None, feeds)[0])
+        except Exception as error:  # its errors derive from nothing more specific
+            shapes = ", ".join(f"{name} {array.shape}" for name, array in feeds.items())
+            raise ValueError(
+                f"the ONNX model cannot be run on {shapes}: {_first_line(error)}"
+            ) from error
         if output.size != 2 or not np.isfinite(output).all():
             raise ValueError(
                 "the first output of an ONNX agent must be one finite action (1, 2), got "
@@ -94,13 +100,15 @@ def load_onnx_agent(path: Path, env: gym.Env[Any, Any]) -> ONNXAgent:
         ) from error
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = 1
+    options.log_severity_level = 4  # what it would print besides is raised too
     try:
         session = onnxruntime.InferenceSession(
             str(path), sess_options=options, providers=["CPUExecutionProvider"]
         )
     except Exception as error:  # its errors derive from nothing more specific
-        reason = str(error).partition("\n")[0]
-        raise ValueError(f"{path} is no ONNX model that onnxruntime loads: {reason}") from error
+        raise ValueError(
+            f"{path} is no ONNX model that onnxruntime loads: {_first_line(error)}"
+        ) from error
     return ONNXAgent(session, env)
 
 
@@ -132,6 +140,10 @@ def _feed(info: TensorInfo, given: gym.Space[Any]) -> Adapter:
         return observation_adapter(wanted, given)
     except ValueError as error:
         raise ValueError(f"input {info.name!r} of the ONNX model: {error}") from error
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).partition("\n")[0]
 
 
 def _matches(dims: Sequence[int | str | None], shape: tuple[int, ...] | None) -> bool:

@@ -58,17 +58,20 @@ SHORTER = {
     "collect": ["--collections", "1", "--routes", "0", "4", "--time-limit", "3"],
     "train": ["--dagger", "0", "--steps", "2", "--batch-size", "4"],
     "info": [],
+    "export": [],
 }
 """What makes a line of ``bev-agents`` quick; the last of two equal options counts."""
 
 
-def test_agents_lines_run_one_after_the_other(tmp_path):
+def test_agents_lines_run_one_after_the_other(tmp_path, monkeypatch):
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "datasets"))
     lines = re.findall(r"^bev-agents (.*)$", BASH, flags=re.MULTILINE)
     assert {shlex.split(line)[0] for line in lines} == set(SHORTER)
     for line in lines:
         arguments = shlex.split(line)
         run([sys.executable, "-m", "agents.cli", *arguments, *SHORTER[arguments[0]]], tmp_path)
     assert (tmp_path / "runs/bc/policy.safetensors").exists()
+    assert (tmp_path / "datasets/bevtown/town01-v0/data/metadata.json").exists()
 
 
 @pytest.mark.parametrize("command", TRAFFIC)
