@@ -33,7 +33,7 @@ def observation_adapter(wanted: gym.Space[Any], given: gym.Space[Any]) -> Adapte
         A function of an observation.
 
     Raises:
-        ValueError: No such way is known; the message shows both spaces.
+        ValueError: No such way is known; the message shows both spaces, or the bounds.
     """
     if isinstance(wanted, gym.spaces.Dict) and isinstance(given, gym.spaces.Dict):
         picked = _picked(wanted, given)
@@ -100,10 +100,21 @@ def _flattened(wanted: gym.spaces.Box, given: gym.spaces.Dict) -> Adapter | None
 
 
 def _cast(wanted: gym.spaces.Box, given: gym.Space[Any], key: str | None = None) -> Adapter:
-    """An array, of one key if given, in the wanted type and scale."""
-    dtype = wanted.dtype
+    """An array, of one key if given, in the wanted type and scale.
+
+    Raises:
+        ValueError: The wanted array is scaled in a way that its bounds do not tell.
+    """
+    dtype, is_bytes = wanted.dtype, given.dtype == np.uint8
+    low, high = float(wanted.low.min()), float(wanted.high.max())
     # bytes become fractions where the policy's bounds say so, as after a rescaling wrapper
-    is_fraction = given.dtype == np.uint8 and dtype.kind == "f" and float(wanted.high.max()) <= 1.0
+    is_fraction = is_bytes and dtype.kind == "f" and low >= 0.0 and high <= 1.0
+    if is_bytes and not is_fraction and (low > 0.0 or high < 255.0):
+        raise ValueError(
+            f"the policy was trained on {key or 'observations'} from {low:g} to {high:g}, as "
+            "VecNormalize makes them, and the environment gives 0 to 255: scale them alike in an "
+            "agent of your own, 'module:factory'"
+        )
 
     def adapt(observation: Any) -> NDArray[Any]:
         array = observation if key is None else observation[key]

@@ -4,8 +4,9 @@ A file holds the actor; its header holds what the network sees and a card (what 
 what it reached). The critic stays behind: behaviour cloning has none. To go on with reinforcement
 learning from a file::
 
-    model = PPO(BetaPolicy, env)
-    model.policy.actor().load_state_dict(load_weights(path).actor().state_dict())
+    cloned = load_weights(path)
+    model = PPO(BetaPolicy, env, policy_kwargs=cloned.config.policy_kwargs)
+    model.policy.actor().load_state_dict(cloned.actor().state_dict())
 """
 
 from __future__ import annotations
@@ -77,10 +78,7 @@ def load_weights(path: str | Path) -> BetaPolicy:
             _observation_space(config.bev_size),
             gym.spaces.Box(-1.0, 1.0, (2,), np.float32),
             lambda _: 3e-4,
-            channels=config.channels,
-            measurements=config.measurements,
-            speed_scale_mps=config.speed_scale_mps,
-            concentration_floor=config.concentration_floor,
+            **config.policy_kwargs,
             deterministic_action=header["deterministic_action"],
         )
         policy.actor().load_state_dict(read_tensors(Path(path)))

@@ -110,7 +110,7 @@ def jobs_of(header: LogHeader, routes: Sequence[int] | None = None) -> list[Epis
             raise ValueError(f"town {header.town!r} has routes 0 to {count - 1}, got {route}")
     jobs = []
     for collection, level in enumerate(header.levels):
-        seed = int(np.random.SeedSequence([header.seed, collection]).generate_state(1)[0])
+        seed = header.collection_seed(collection)
         jobs += [EpisodeJob(collection, route, level, seed) for route in chosen]
     return jobs
 

@@ -69,6 +69,16 @@ class NetworkConfig:
                 f"without padding, got {self.bev_size!r}"
             )
 
+    @property
+    def policy_kwargs(self) -> dict[str, Any]:
+        """Keywords of ``BetaPolicy`` for this network; the BEV's size follows from the space."""
+        return {
+            "channels": self.channels,
+            "measurements": self.measurements,
+            "speed_scale_mps": self.speed_scale_mps,
+            "concentration_floor": self.concentration_floor,
+        }
+
     def as_json(self) -> dict[str, Any]:
         """The fields as JSON values; :meth:`from_json` turns them back."""
         return {

@@ -146,15 +146,11 @@ class BetaPolicy(ActorCriticPolicy):
 
     def _get_constructor_parameters(self) -> dict[str, Any]:
         """Arguments that make this policy again, for ``save`` and ``load`` of the policy alone."""
-        config = self.config
         return {
             "observation_space": self.observation_space,
             "action_space": self.action_space,
             "lr_schedule": self._dummy_schedule,
-            "channels": config.channels,
-            "measurements": config.measurements,
-            "speed_scale_mps": config.speed_scale_mps,
-            "concentration_floor": config.concentration_floor,
+            **self.config.policy_kwargs,
             "deterministic_action": self._point,
             "optimizer_class": self.optimizer_class,
             "optimizer_kwargs": self.optimizer_kwargs,

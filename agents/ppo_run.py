@@ -145,13 +145,7 @@ def _new_model(options: PPOOptions, envs: SB3VecEnv) -> PPO:
     if options.start is not None:
         start = load_weights(_source(options.start))
         weights = start.actor().state_dict()
-        network = start.config
-        keywords = {
-            "channels": network.channels,
-            "measurements": network.measurements,
-            "speed_scale_mps": network.speed_scale_mps,
-            "concentration_floor": network.concentration_floor,
-        }
+        keywords = start.config.policy_kwargs
     model = PPO(
         BetaPolicy,
         envs,

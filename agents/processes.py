@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+import torch
 import torch.distributed as dist
 
 
@@ -26,3 +27,33 @@ def distributed() -> Iterator[tuple[int, int]]:
         yield process_rank()
     finally:
         dist.destroy_process_group()
+
+
+def first_process_does(work: Callable[[], None]) -> None:
+    """Let the first process do something while the others wait.
+
+    Raises:
+        ValueError: It could not; all processes raise this, so that none waits for ever.
+        OSError: Likewise.
+    """
+    rank, ranks = process_rank()
+    failure: list[Exception | None] = [None]
+    if rank == 0:
+        try:
+            work()
+        except (ValueError, OSError) as error:
+            failure = [error]
+    if ranks > 1:
+        dist.broadcast_object_list(failure)
+    if failure[0] is not None:
+        raise failure[0]
+
+
+def any_process(flag: bool) -> bool:
+    """Whether the flag of any process is set; all have to ask at the same step."""
+    _, ranks = process_rank()
+    if ranks == 1:
+        return flag
+    flags = torch.tensor(int(flag))
+    dist.all_reduce(flags, dist.ReduceOp.MAX)
+    return bool(flags)

@@ -5,7 +5,7 @@ in. Load only files that you trust.** BEVTown's own weights (``agents.checkpoint
 
 Only the policy is made again, not the algorithm: driving needs no more, it works the same for
 every algorithm (sb3-contrib's too, where it is installed), and an off-policy algorithm would set
-aside its whole replay buffer.
+aside its whole replay buffer. The statistics of a ``VecNormalize`` are no part of such a file.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.spaces import Box
 from numpy.typing import NDArray
 from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.save_util import load_from_zip_file
@@ -46,9 +47,11 @@ class SB3Agent:
     def __init__(
         self, policy: BasePolicy, env: gym.Env[Any, Any], deterministic: bool = True
     ) -> None:
-        if policy.action_space.shape != env.action_space.shape:
+        acts, space = policy.action_space, env.action_space
+        if not (isinstance(acts, Box) and isinstance(space, Box) and _same_bounds(acts, space)):
             raise ValueError(
-                f"the policy acts in {policy.action_space}, the environment in {env.action_space}"
+                f"the policy acts in {acts}, the environment in {space}: train it in that space, "
+                "or translate its actions in an agent of your own, 'module:factory'"
             )
         self.policy = policy
         self.deterministic = deterministic
@@ -77,6 +80,13 @@ class SB3Agent:
             )
         self._starting = False
         return action
+
+
+def _same_bounds(first: Box, second: Box) -> bool:
+    """Whether two spaces hold the same arrays, whatever their precision."""
+    return first.shape == second.shape and all(
+        np.array_equal(getattr(first, end), getattr(second, end)) for end in ("low", "high")
+    )
 
 
 def load_sb3_agent(path: Path, env: gym.Env[Any, Any], deterministic: bool = True) -> SB3Agent:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import functools
 import json
 import math
 import signal
@@ -15,8 +16,8 @@ from types import FrameType
 from typing import Any
 
 import torch
-import torch.distributed as dist
 
+from bev_driving_env.checks import require_count
 from bev_driving_env.command_line import UsageError
 from bev_driving_env.files import write_json
 from bev_driving_env.frames import CHANNELS
@@ -26,15 +27,25 @@ from .batches import SampleSet, open_logs
 from .collect import discard
 from .dagger import drive_round
 from .network import NetworkConfig
-from .processes import distributed
+from .policy import BetaPolicy
+from .processes import any_process, distributed, first_process_does
 from .train_command import NUMBERS
 from .training import Trainer
 from .training_config import TrainingConfig
-from .training_report import CHECKPOINT, METRICS, WEIGHTS, Report, TrainOptions
+from .training_report import (
+    CHECKPOINT,
+    METRICS,
+    WEIGHTS,
+    Report,
+    TrainOptions,
+    events_writer,
+)
 from .weighting import kde_weights
 
 DAGGER = "dagger"
 RECIPE = "training.json"
+OWN_FILES = (CHECKPOINT, WEIGHTS, METRICS, RECIPE)
+EVENTS = "events.out.tfevents.*"
 
 
 def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
@@ -43,10 +54,11 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
     Raises:
         UsageError: The arguments or the data are not valid.
     """
-    if namespace.threads is not None:
-        torch.set_num_threads(max(1, namespace.threads))
     try:
         options = _options(namespace)
+        if namespace.threads is not None:
+            require_count("--threads", namespace.threads)
+            torch.set_num_threads(namespace.threads)
         with distributed() as (rank, _):
             _train(options, argv, chief=rank == 0)
     except (ValueError, ImportError) as error:
@@ -56,10 +68,8 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
 
 def _options(namespace: argparse.Namespace) -> TrainOptions:
     names = (*(name for name, _ in NUMBERS), "precision")
-    try:
-        device = torch.device(namespace.device)
-    except RuntimeError as error:
-        raise ValueError(f"--device {namespace.device!r} is none of torch's") from error
+    if namespace.tensorboard:
+        events_writer()  # is it there?
     return TrainOptions(
         data=tuple(dict.fromkeys(namespace.data)),
         out=namespace.out,
@@ -74,10 +84,21 @@ def _options(namespace: argparse.Namespace) -> TrainOptions:
         weighting=namespace.weighting,
         dagger=namespace.dagger,
         checkpoint_s=60.0 * namespace.checkpoint_minutes,
-        device=device,
+        device=_device(namespace.device),
         overwrite=namespace.overwrite,
         tensorboard=namespace.tensorboard,
     )
+
+
+def _device(name: str) -> torch.device:
+    """A device that can hold numbers and hand them back; ValueError if it cannot."""
+    try:
+        device = torch.device(name)
+        torch.zeros(1, device=device).item()
+    except (AssertionError, NotImplementedError, RuntimeError) as error:
+        reason = str(error).partition("\n")[0]
+        raise ValueError(f"--device {name!r} cannot be used: {reason}") from error
+    return device
 
 
 def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
@@ -86,24 +107,22 @@ def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
     validation = SampleSet(open_logs(options.data), "val", channels=depth)
     trainer = Trainer(options.training, options.network, options.device)
     checkpoint = options.out / CHECKPOINT
-    if chief:
-        if options.overwrite:
-            _discard(options)
-        _claim(options)
-    _wait(trainer)
+    first_process_does(lambda: _claim(options))
     if checkpoint.exists():
         trainer.restore(checkpoint)
     report = Report(options, argv, trainer, chief)
     with _interrupts() as interrupted, report:
-        for phase, end in enumerate(options.ends()):
+        ends = options.ends()
+        for phase, end in enumerate(ends):
             rounds = [_round_folder(options, number) for number in range(phase)]
             if trainer.step < end and not trainer.exhausted:
-                if phase:
+                if phase and trainer.step == ends[phase - 1]:
                     # so that a round that is interrupted goes on with the policy that began it
                     report.keep()
-                    if chief:
-                        _drive(options, trainer, phase - 1)
-                _wait(trainer)
+                    drive = functools.partial(_drive, options, trainer.policy, phase - 1)
+                    first_process_does(drive)
+                    # what was best before its own mistakes were seen may not drive well
+                    trainer.best_nll = math.inf
                 logs = open_logs([*options.data, *rounds])
                 weigh = kde_weights if options.weighting == "kde" else None
                 samples = SampleSet(logs, "train", channels=depth, weigh=weigh)
@@ -131,7 +150,7 @@ def _phase(
         report.step(measured)
         if trainer.step % options.training.validate_every == 0 or trainer.step == last:
             report.validated(measured, trainer.validate(validation))
-        if interrupted.is_set():
+        if any_process(interrupted.is_set()):
             report.keep()
             raise KeyboardInterrupt
         if time.monotonic() - kept > options.checkpoint_s:
@@ -147,6 +166,8 @@ def _claim(options: TrainOptions) -> None:
     Raises:
         ValueError: The folder holds a policy that learned from something else.
     """
+    if options.overwrite:
+        _discard(options)
     path = options.out / RECIPE
     recipe: dict[str, Any] = {
         "data": [str(folder) for folder in options.data],
@@ -154,6 +175,11 @@ def _claim(options: TrainOptions) -> None:
         "dagger": options.dagger,
     }
     if not path.exists():
+        for name in OWN_FILES:
+            if (options.out / name).exists():
+                raise ValueError(
+                    f"{options.out} holds {name} but no {RECIPE}: choose another --out"
+                )
         write_json(path, recipe)
         return
     try:
@@ -170,30 +196,23 @@ def _claim(options: TrainOptions) -> None:
 
 def _discard(options: TrainOptions) -> None:
     """Remove this command's own files from the output folder, and nothing else."""
-    for name in (CHECKPOINT, WEIGHTS, METRICS, RECIPE):
-        (options.out / name).unlink(missing_ok=True)
+    if not (options.out / RECIPE).exists():
+        return
     for folder in (options.out / DAGGER).glob("round_*"):
         discard(folder)
+    for path in (*options.out.glob(EVENTS), *map(options.out.joinpath, OWN_FILES)):
+        path.unlink(missing_ok=True)
 
 
 def _round_folder(options: TrainOptions, number: int) -> Path:
     return options.out / DAGGER / f"round_{number:02d}"
 
 
-def _drive(options: TrainOptions, trainer: Trainer, number: int) -> None:
+def _drive(options: TrainOptions, policy: BetaPolicy, number: int) -> None:
     """One DAgger round with the policy as it is now, on the first log's town."""
-    policy = trainer.policy
     policy.set_training_mode(False)
     base, seed = LogHeader.read(options.data[0]), options.training.seed
     drive_round(_round_folder(options, number), base, policy, number, seed)
-    # what was best before its own mistakes were seen may not drive well
-    trainer.best_nll = math.inf
-
-
-def _wait(trainer: Trainer) -> None:
-    """Let all processes come to this point."""
-    if trainer.ranks > 1:
-        dist.barrier()
 
 
 @contextmanager

@@ -63,10 +63,7 @@ def new_policy(network: NetworkConfig, seed: int) -> BetaPolicy:
         observation_space(BEVGeometry(size=size, ego_row=size * 152 // 192), np.inf),
         gym.spaces.Box(-1.0, 1.0, (2,), np.float32),
         lambda _: 3e-4,
-        channels=network.channels,
-        measurements=network.measurements,
-        speed_scale_mps=network.speed_scale_mps,
-        concentration_floor=network.concentration_floor,
+        **network.policy_kwargs,
     )
 
 

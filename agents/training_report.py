@@ -56,6 +56,11 @@ class TrainOptions:
     def __post_init__(self) -> None:
         if self.dagger < 0:
             raise ValueError(f"--dagger must be at least 0, got {self.dagger}")
+        if self.dagger >= self.training.steps:
+            raise ValueError(
+                f"--dagger {self.dagger} needs more --steps than that, got {self.training.steps}: "
+                "each round is followed by some"
+            )
         if not self.checkpoint_s > 0.0:
             raise ValueError(f"--checkpoint-minutes must be positive, got {self.checkpoint_s / 60}")
 
@@ -75,10 +80,10 @@ class Report:
         self, options: TrainOptions, argv: Sequence[str], trainer: Trainer, chief: bool
     ) -> None:
         self._options, self._argv, self._trainer, self._chief = options, argv, trainer, chief
-        # before the bar, which would stand before an error
         self._events: Any = None
         if options.tensorboard and chief:
-            self._events = _tensorboard(options.out)
+            # what was written after the checkpoint that training goes on from is to be forgotten
+            self._events = events_writer()(str(options.out), purge_step=trainer.step + 1)
         self._bar: tqdm[Any] = tqdm(
             total=options.training.steps,
             initial=trainer.step,
@@ -156,10 +161,10 @@ def _as_csv(rows: Sequence[dict[str, float]]) -> str:
     return text.getvalue()
 
 
-def _tensorboard(folder: Path) -> Any:
-    """A writer of events; ImportError with the cure if TensorBoard is not installed."""
+def events_writer() -> Any:
+    """The class that writes events; ImportError with the cure if TensorBoard is not installed."""
     try:
         from torch.utils.tensorboard import SummaryWriter
     except ImportError as error:
         raise ImportError("--tensorboard needs pip install tensorboard") from error
-    return SummaryWriter(str(folder))
+    return SummaryWriter

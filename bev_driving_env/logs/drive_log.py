@@ -25,7 +25,7 @@ from ..towns.registry import compiled_town
 from ..world.state import WorldState
 from .episode import STEPS, read_actions, read_episode, read_header
 from .errors import LogError
-from .header import EpisodeHeader, LogHeader
+from .header import EpisodeHeader, LogHeader, check_belongs
 from .reach import require_bev_within, require_rig_within
 from .replay import EpisodeReplay
 
@@ -63,7 +63,8 @@ class DriveLog:
         starts: (E + 1,) index of each episode's first sample, and after the last one.
 
     Raises:
-        LogError: The folder is no drive log, or a file is truncated, foreign or of a newer version.
+        LogError: The folder is no drive log, or a file is truncated, foreign, of a newer version
+            or of another log.
         ValueError: The view looks farther than logs keep actors.
     """
 
@@ -77,6 +78,8 @@ class DriveLog:
         require_bev_within(self._geometry)
         self._cached_episodes = cached_episodes
         found = [(*read_header(path), path) for path in episode_files(self.folder)]
+        for episode, _, path in found:
+            check_belongs(self.header, episode, path, STEPS)
         found.sort(key=lambda entry: (entry[0].collection, entry[0].route))
         self.episodes: tuple[EpisodeHeader, ...] = tuple(header for header, _, _ in found)
         self._paths = tuple(path for _, _, path in found)

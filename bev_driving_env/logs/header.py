@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ..checks import is_int
+import numpy as np
+
+from ..checks import is_int, require_count
 from ..files import write_json
 from ..settings import EnvSettings
 from .errors import LogError
@@ -48,8 +51,11 @@ class LogHeader:
 
     def write(self, folder: Path) -> None:
         """Write ``log.json``."""
-        described = {"format": FORMAT, "format_version": FORMAT_VERSION, **asdict(self)}
-        write_json(folder / HEADER_FILE, described)
+        write_json(folder / HEADER_FILE, _described(self))
+
+    def collection_seed(self, collection: int) -> int:
+        """Seed of one of the collections."""
+        return int(np.random.SeedSequence([self.seed, collection]).generate_state(1)[0])
 
     @classmethod
     def read(cls, folder: Path) -> LogHeader:
@@ -70,7 +76,7 @@ class LogHeader:
             raise LogError(
                 f"{path} cannot be read ({error}); collect again into another folder"
             ) from error
-        checked_version(path, values)
+        check_description(path, values)
         try:
             header = cls(
                 town=str(values["town"]),
@@ -82,7 +88,9 @@ class LogHeader:
                 provenance=dict(values["provenance"]),
             )
             _ = header.env_settings
-        except (KeyError, TypeError, ValueError) as error:
+            require_count("control_hz", header.control_hz)
+            require_count("physics_hz", header.physics_hz)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise LogError(
                 f"{path} is damaged ({error!r}); collect again into another folder"
             ) from error
@@ -132,8 +140,7 @@ class EpisodeHeader:
 
     def as_text(self) -> str:
         """JSON for the metadata of the episode's tables; every float survives exactly."""
-        described = {"format": FORMAT, "format_version": FORMAT_VERSION, **asdict(self)}
-        return json.dumps(described, separators=(",", ":"))
+        return json.dumps(_described(self), separators=(",", ":"))
 
     @classmethod
     def from_text(cls, text: str, path: Path) -> EpisodeHeader:
@@ -145,8 +152,10 @@ class EpisodeHeader:
         try:
             values = json.loads(text)
         except ValueError as error:
-            raise LogError(f"{path} has damaged metadata ({error}); delete it") from error
-        checked_version(path, values)
+            raise LogError(
+                f"{path} has damaged metadata ({error}); delete that file and collect again"
+            ) from error
+        check_description(path, values)
         try:
             kept = {name: values[name] for name in cls.__dataclass_fields__}
             for name in ("lanes", "infractions"):
@@ -165,8 +174,52 @@ def episode_name(collection: int, route: int) -> str:
     return f"collection_{collection:02d}_route_{route:02d}"
 
 
-def checked_version(path: Path, values: Any) -> None:
-    """Check that a description is one of a drive log that this version can read.
+def check_belongs(header: LogHeader, episode: EpisodeHeader, path: Path, ending: str) -> None:
+    """Check that an episode is one of a log, under its own name.
+
+    Args:
+        header: The log's.
+        episode: Of the file.
+        path: The file.
+        ending: What its name ends with.
+
+    Raises:
+        LogError: It is of another log, or was renamed.
+    """
+    if path.name != episode.name + ending:
+        raise LogError(f"{path} was written as {episode.name + ending}; give it back its name")
+    traffic = header.settings.get("traffic")
+    expected = {
+        "town": (header.town, episode.episode_id.partition("/")[0]),
+        "level": (header.levels[episode.collection : episode.collection + 1], (episode.level,)),
+        "seed": (header.collection_seed(episode.collection), episode.collection_seed),
+    }
+    if isinstance(traffic, Mapping):
+        expected["traffic"] = (
+            (traffic.get("vehicles"), traffic.get("pedestrians")),
+            (len(episode.vehicle_sizes), len(episode.pedestrian_sizes)),
+        )
+    for name, (of_log, of_episode) in expected.items():
+        if of_log != of_episode:
+            raise LogError(
+                f"{path} belongs to another log: {name} {of_episode!r} instead of {of_log!r}; "
+                "move it away and collect again"
+            )
+
+
+def _described(header: LogHeader | EpisodeHeader) -> dict[str, Any]:
+    """A description to write, with a checksum: Parquet has none of its metadata."""
+    described = {"format": FORMAT, "format_version": FORMAT_VERSION, **asdict(header)}
+    return {**described, "crc32": _checksum(described)}
+
+
+def _checksum(described: Mapping[str, Any]) -> int:
+    """Checksum of all fields, however they were laid out as text."""
+    return zlib.crc32(json.dumps(described, sort_keys=True).encode())
+
+
+def check_description(path: Path, values: Any) -> None:
+    """Check that a description is one of a drive log that this version can read, as it was written.
 
     Raises:
         LogError: It is not.
@@ -180,4 +233,11 @@ def checked_version(path: Path, values: Any) -> None:
         raise LogError(
             f"{path} has format version {version}, this BEVTown reads up to {FORMAT_VERSION}: "
             "update it with pip install --upgrade bev-driving-env"
+        )
+    kept = {name: value for name, value in values.items() if name != "crc32"}
+    # logs of the first days have none
+    if "crc32" in values and values["crc32"] != _checksum(kept):
+        cure = "into another folder" if path.name == HEADER_FILE else "after deleting that file"
+        raise LogError(
+            f"{path} is damaged or was edited (its checksum does not fit): collect again {cure}"
         )

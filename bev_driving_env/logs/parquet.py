@@ -76,7 +76,10 @@ def read_metadata(path: Path) -> tuple[str, int]:
         raise _unreadable(path, error) from error
     if kept is None:
         raise LogError(f"{path} is a Parquet file, but not of a BEVTown drive log; move it away")
-    return kept.decode(), int(rows)
+    try:
+        return kept.decode(), int(rows)
+    except UnicodeDecodeError as error:
+        raise LogError(f"{path} has damaged metadata ({error.reason}); {CURE}") from error
 
 
 def read_columns(path: Path, columns: Mapping[str, Any]) -> dict[str, NDArray[Any]]:

@@ -12,6 +12,7 @@ import bev_driving_env
 from agents.beta import beta_mode, beta_nll
 from agents.distribution import BetaDistribution
 from agents.policy import BetaPolicy
+from agents.registry import agent_source
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -79,6 +80,33 @@ def test_it_learns_and_predicts_the_same_after_saving_and_loading(algorithm, env
     np.testing.assert_array_equal(action, model.predict(observation, deterministic=True)[0])
     assert action in env.action_space
     loaded.learn(8)  # fine-tuning goes on
+
+
+def test_the_shipped_weights_are_where_reinforcement_learning_can_go_on_from(tmp_path):
+    cloned = agents.load_weights(agent_source("bc"))
+    env = gym.make("BEVTown01-v0", time_limit_s=1.0)
+    model = PPO(
+        BetaPolicy,
+        env,
+        n_steps=16,
+        batch_size=16,
+        n_epochs=1,
+        device="cpu",
+        policy_kwargs=cloned.config.policy_kwargs,
+    )
+    model.policy.actor().load_state_dict(cloned.actor().state_dict())
+    observation = observe(env)
+    observation["measurements"][0] = 4.0  # a scale of its own would show
+    expected, _ = cloned.predict(observation, deterministic=True)
+    np.testing.assert_array_equal(model.predict(observation, deterministic=True)[0], expected)
+    model.learn(16)
+    assert not np.array_equal(model.predict(observation, deterministic=True)[0], expected)
+    model.save(tmp_path / "tuned")
+    tuned = PPO.load(tmp_path / "tuned", device="cpu")
+    np.testing.assert_array_equal(
+        tuned.predict(observation, deterministic=True)[0],
+        model.predict(observation, deterministic=True)[0],
+    )
 
 
 def test_its_policy_alone_can_be_saved_and_loaded(env, tmp_path):

@@ -9,6 +9,7 @@ import pytest
 import stable_baselines3 as sb3
 import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
 
 import bev_driving_env
 from agents import Agent, BetaPolicy, make_agent
@@ -177,3 +178,26 @@ def test_a_policy_for_other_views_or_actions_is_refused(env, tmp_path):
     )
     with pytest.raises(ValueError, match="the policy acts in"):
         make_agent(f"sb3:{tmp_path / 'pendulum.zip'}", env)
+
+
+def test_actions_of_another_range_or_kind_are_refused(env, tmp_path):
+    """Half throttle of one that was trained on [0, 1] is not half throttle here."""
+    rescaled = gym.wrappers.RescaleAction(env, 0.0, 1.0)
+    ppo("MultiInputPolicy", rescaled).save(tmp_path / "rescaled")
+    actions = gym.spaces.Discrete(3)
+    discrete = gym.wrappers.TransformAction(env, lambda number: np.zeros(2), actions)
+    sb3.DQN("MultiInputPolicy", discrete, buffer_size=10, device="cpu", policy_kwargs=small()).save(
+        tmp_path / "discrete"
+    )
+    for name, space in (("rescaled", r"Box\(0\.0, 1\.0"), ("discrete", r"Discrete\(3\)")):
+        with pytest.raises(ValueError, match=rf"acts in {space}.*module:factory"):
+            make_agent(f"sb3:{tmp_path / name}.zip", env)
+
+
+def test_a_policy_whose_view_was_normalised_by_its_own_statistics_is_refused(env, tmp_path):
+    # it writes into the space of its environment, so that needs to be another one
+    bev = {"size": 64, "px_per_m": 1.5, "ego_row": 50}
+    vector = DummyVecEnv([lambda: gym.make("BEVTown01-v0", bev=bev)])
+    ppo("MultiInputPolicy", VecNormalize(vector, norm_obs_keys=["bev"])).save(tmp_path / "model")
+    with pytest.raises(ValueError, match=r"bev from -10 to 10, as VecNormalize .*module:factory"):
+        make_agent(f"sb3:{tmp_path / 'model.zip'}", env)

@@ -39,7 +39,8 @@ def record_log(folder, appearance, steps=STEPS):
     """A log of two episodes; returns what was seen live by sample."""
     settings = EnvSettings(traffic="dense", traffic_lights=True, appearance=appearance)
     env = BEVTownEnv(TOWN, **log_settings(TOWN, settings))
-    LogHeader(TOWN, log_settings(TOWN, settings), 10, 20, 0, (0.0,)).write(folder)
+    header = LogHeader(TOWN, log_settings(TOWN, settings), 10, 20, 0, (0.5,))
+    header.write(folder)
     seen, first = {}, 0
     for route in (0, 3):
 
@@ -52,7 +53,7 @@ def record_log(folder, appearance, steps=STEPS):
                 "applied": applied,
             }
 
-        log = drive(env, EpisodeJob(0, route, 0.5, 7), steps, look)
+        log = drive(env, EpisodeJob(0, route, 0.5, header.collection_seed(0)), steps, look)
         log.write(folder / EPISODES)
         first += len(log)
     return seen

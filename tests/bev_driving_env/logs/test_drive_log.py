@@ -174,6 +174,43 @@ def test_a_missing_or_exchanged_file_of_actors_is_named(copied):
         DriveLog(copied).bev(-1)
 
 
+def test_an_episode_under_the_name_of_another_is_named(copied):
+    """It would be read twice, and the other one never."""
+    for ending in ("steps", "actors"):
+        first, second = sorted(copied.glob(f"episodes/*.{ending}.parquet"))
+        shutil.copy(first, second)
+    with pytest.raises(LogError, match=r"route_03.* was written as .*route_00\.steps\.parquet"):
+        DriveLog(copied)
+
+
+def all_that_is_read(folder):
+    """Every value that a log gives out, as bytes; names of folders aside."""
+    log = DriveLog(folder)
+    parts = [repr((log.header, log.episodes)).encode(), log.actions().tobytes()]
+    for episode in range(len(log.episodes)):
+        recorded = vars(log.replay(episode).log)
+        parts += [value.tobytes() for value in recorded.values() if isinstance(value, np.ndarray)]
+    return b"".join(parts)
+
+
+def test_whatever_byte_is_damaged_the_log_is_refused_or_read_as_it_was(copied):
+    rng = np.random.default_rng(0)
+    whole, files, refused = all_that_is_read(copied), files_of(copied), 0
+    for path, content in sorted(files.items()) * 40:
+        # the last bytes of a table describe it
+        start = max(0, len(content) - int(rng.choice([2500, len(content)])))
+        spoilt = bytearray(content)
+        spoilt[rng.integers(start, len(content))] ^= 1 << rng.integers(8)
+        path.write_bytes(spoilt if rng.random() < 0.8 else spoilt[: rng.integers(len(content))])
+        try:
+            assert all_that_is_read(copied) == whole, path
+        except LogError as error:
+            assert path.name in str(error)  # noqa: PT017  # sometimes there is none
+            refused += 1
+        path.write_bytes(content)
+    assert refused > 150
+
+
 def test_a_log_whose_first_episode_is_still_being_driven_is_empty(copied):
     shutil.rmtree(copied / "episodes")
     log = DriveLog(copied)
