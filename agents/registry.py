@@ -18,7 +18,8 @@ SHIPPED = ("bc",)
 
 FORMS = (
     "'expert', 'bc', a PATH.safetensors of bev-agents, 'sb3:PATH.zip' (a pickle: only one that "
-    "you trust), 'onnx:PATH', a PATH.onnx, or 'module:factory' (a callable that takes the environment)"
+    "you trust), 'onnx:PATH', a PATH.onnx, or 'module:factory' (a callable that takes the "
+    "environment)"
 )
 
 Factory = Callable[[gym.Env[Any, Any]], Any]

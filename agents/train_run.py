@@ -5,14 +5,10 @@ from __future__ import annotations
 import argparse
 import functools
 import json
-import math
-import signal
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import torch
@@ -22,13 +18,15 @@ from bev_driving_env.command_line import UsageError
 from bev_driving_env.files import write_json
 from bev_driving_env.frames import CHANNELS
 from bev_driving_env.logs.header import LogHeader
+from bev_driving_env.training.interrupts import noted_interrupts
+from bev_driving_env.training.processes import any_process, distributed, first_process_does
+from bev_driving_env.training.progress import events_writer
 
 from .batches import SampleSet, open_logs
 from .collect import discard
 from .dagger import drive_round
 from .network import NetworkConfig
 from .policy import BetaPolicy
-from .processes import any_process, distributed, first_process_does
 from .train_command import NUMBERS
 from .training import Trainer
 from .training_config import TrainingConfig
@@ -38,7 +36,6 @@ from .training_report import (
     WEIGHTS,
     Report,
     TrainOptions,
-    events_writer,
 )
 from .weighting import kde_weights
 
@@ -111,7 +108,7 @@ def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
     if checkpoint.exists():
         trainer.restore(checkpoint)
     report = Report(options, argv, trainer, chief)
-    with _interrupts() as interrupted, report:
+    with noted_interrupts() as interrupted, report:
         ends = options.ends()
         for phase, end in enumerate(ends):
             rounds = [_round_folder(options, number) for number in range(phase)]
@@ -122,7 +119,7 @@ def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
                     drive = functools.partial(_drive, options, trainer.policy, phase - 1)
                     first_process_does(drive)
                     # what was best before its own mistakes were seen may not drive well
-                    trainer.best_nll = math.inf
+                    trainer.forget_best()
                 logs = open_logs([*options.data, *rounds])
                 weigh = kde_weights if options.weighting == "kde" else None
                 samples = SampleSet(logs, "train", channels=depth, weigh=weigh)
@@ -130,7 +127,7 @@ def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
         report.keep()
     if chief:
         print(
-            f"{options.out / WEIGHTS}: validation NLL {trainer.best_nll:.3f} after "
+            f"{options.out / WEIGHTS}: validation NLL {trainer.best_value:.3f} after "
             f"{trainer.step} steps in {trainer.trained_s / 60:.1f} minutes"
         )
 
@@ -213,24 +210,3 @@ def _drive(options: TrainOptions, policy: BetaPolicy, number: int) -> None:
     policy.set_training_mode(False)
     base, seed = LogHeader.read(options.data[0]), options.training.seed
     drive_round(_round_folder(options, number), base, policy, number, seed)
-
-
-@contextmanager
-def _interrupts() -> Iterator[threading.Event]:
-    """Turn Ctrl-C and a polite kill into a flag: a step is finished before training stops."""
-    flag = threading.Event()
-
-    def note(_: int, __: FrameType | None) -> None:
-        if flag.is_set():  # the second time at once, such as in a long DAgger round
-            raise KeyboardInterrupt
-        flag.set()
-
-    if threading.current_thread() is not threading.main_thread():
-        yield flag
-        return
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield flag
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -1,4 +1,4 @@
-"""How behaviour cloning trains: ``TrainingConfig``, and the learning rate of each step."""
+"""How behaviour cloning trains: ``TrainingConfig``."""
 
 from __future__ import annotations
 
@@ -8,8 +8,6 @@ from dataclasses import dataclass
 from bev_driving_env.checks import require_count, require_positive
 
 PRECISIONS = ("fp32", "bf16")
-WARM_UP = 0.15
-"""Share of the steps in which the learning rate rises."""
 
 
 @dataclass(frozen=True)
@@ -56,17 +54,3 @@ class TrainingConfig:
             raise ValueError(
                 f"precision must be one of {', '.join(PRECISIONS)}, got {self.precision!r}"
             )
-
-
-def one_cycle(step: int, steps: int, peak: float) -> float:
-    """Learning rate of a step: half a cosine up from peak / 25, then one down to almost 0.
-
-    >>> one_cycle(15, 100, 1.0), round(one_cycle(99, 100, 1.0), 4)
-    (1.0, 0.0004)
-    """
-    rise = WARM_UP * steps
-    if step < rise:
-        low, high, share = peak / 25.0, peak, step / rise
-    else:
-        low, high, share = peak, peak / 10000.0, (step - rise) / (steps - rise)
-    return low + (high - low) * 0.5 * (1.0 - math.cos(math.pi * share))

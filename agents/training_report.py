@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 import shlex
 from collections.abc import Sequence
@@ -12,14 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from tqdm import tqdm
 
 from bev_driving_env.files import write_text
 from bev_driving_env.provenance import provenance
+from bev_driving_env.training.optimisation import Measured
+from bev_driving_env.training.progress import Progress, as_csv
 
 from .checkpoint import save_weights
 from .network import NetworkConfig
-from .training import Measured, Trainer
+from .training import Trainer
 from .training_config import TrainingConfig
 
 CHECKPOINT, WEIGHTS, METRICS = "checkpoint.pt", "policy.safetensors", "metrics.csv"
@@ -74,38 +73,24 @@ class TrainOptions:
 
 
 class Report:
-    """Progress bar, metrics and files of a training; silent in all processes but the first."""
+    """Progress, metrics and files of a training; silent in all processes but the first."""
 
     def __init__(
         self, options: TrainOptions, argv: Sequence[str], trainer: Trainer, chief: bool
     ) -> None:
         self._options, self._argv, self._trainer, self._chief = options, argv, trainer, chief
-        self._events: Any = None
-        if options.tensorboard and chief:
-            # what was written after the checkpoint that training goes on from is to be forgotten
-            self._events = events_writer()(str(options.out), purge_step=trainer.step + 1)
-        self._bar: tqdm[Any] = tqdm(
-            total=options.training.steps,
-            initial=trainer.step,
-            unit="step",
-            desc="training",
-            disable=not chief,
-        )
-        self._smoothed: float | None = None
+        events = options.out if options.tensorboard else None
+        self._progress = Progress(options.training.steps, trainer.step, chief, events)
 
     def __enter__(self) -> Report:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self._bar.close()
-        if self._events is not None:
-            self._events.close()
+    def __exit__(self, *details: object) -> None:
+        self._progress.__exit__(*details)
 
     def step(self, measured: Measured) -> None:
         """Move the bar."""
-        before = measured.nll if self._smoothed is None else self._smoothed
-        self._smoothed = 0.95 * before + 0.05 * measured.nll
-        self._bar.update()
+        self._progress.advance(measured.loss)
 
     def validated(self, measured: Measured, value: float) -> None:
         """Add a row."""
@@ -114,16 +99,13 @@ class Report:
             "step": float(trainer.step),
             "samples": float(trainer.step * self._options.training.batch_size),
             "minutes": trainer.trained_s / 60.0,
-            "train_nll": float(self._smoothed or 0.0),
+            "train_nll": float(self._progress.smoothed or 0.0),
             "validation_nll": value,
             "learning_rate": measured.learning_rate,
             "gradient_norm": measured.gradient_norm,
         }
         trainer.rows.append(row)
-        self._bar.set_postfix(train=f"{row['train_nll']:.3f}", validation=f"{value:.3f}")
-        if self._events is not None:
-            for name, number in row.items():
-                self._events.add_scalar(name, number, trainer.step)
+        self._progress.validated(row, ("train_nll", "validation_nll"))
 
     def keep(self) -> None:
         """Write checkpoint, metrics and the best policy."""
@@ -131,7 +113,7 @@ class Report:
             return
         options, trainer = self._options, self._trainer
         trainer.save(options.out / CHECKPOINT)
-        write_text(options.out / METRICS, _as_csv(trainer.rows))
+        write_text(options.out / METRICS, as_csv(trainer.rows))
         save_weights(trainer.best_policy(), options.out / WEIGHTS, self._card())
 
     def _card(self) -> dict[str, Any]:
@@ -139,7 +121,7 @@ class Report:
         options, trainer = self._options, self._trainer
         note = provenance(self._argv, [options.training.seed])
         # none right after a DAgger round: what was best before it counts no more
-        validated = math.isfinite(trainer.best_nll)
+        validated = math.isfinite(trainer.best_value)
         return {
             **note,
             "command": shlex.join(["bev-agents", *self._argv]),
@@ -148,23 +130,5 @@ class Report:
             "dagger_rounds": sum(trainer.step > end for end in options.ends()[:-1]),
             "steps": trainer.step,
             "hours": round(trainer.trained_s / 3600.0, 4),
-            "validation_nll": trainer.best_nll if validated else None,
+            "validation_nll": trainer.best_value if validated else None,
         }
-
-
-def _as_csv(rows: Sequence[dict[str, float]]) -> str:
-    text = io.StringIO()
-    if rows:
-        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows({name: f"{value:.6g}" for name, value in row.items()} for row in rows)
-    return text.getvalue()
-
-
-def events_writer() -> Any:
-    """The class that writes events; ImportError with the cure if TensorBoard is not installed."""
-    try:
-        from torch.utils.tensorboard import SummaryWriter
-    except ImportError as error:
-        raise ImportError("--tensorboard needs pip install tensorboard") from error
-    return SummaryWriter

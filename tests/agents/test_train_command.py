@@ -186,7 +186,7 @@ def test_the_best_of_a_round_survives_an_interruption_after_it(log, tmp_path, mo
         for name in ("whole", "parts")
     )
     assert parts["step"] == 8
-    assert parts["best_nll"] == whole["best_nll"]
+    assert parts["best_value"] == whole["best_value"]
     assert all(torch.equal(value, parts["best"][name]) for name, value in whole["best"].items())
 
 

@@ -117,7 +117,7 @@ def test_training_is_timed_with_the_trainer_of_bev_agents(monkeypatch):
     class Watched(speed_policy.Trainer):
         def train(self, samples, until):
             for measured in super().train(samples, until):
-                losses.append(measured.nll)
+                losses.append(measured.loss)
                 yield measured
 
     monkeypatch.setattr(speed_policy, "Trainer", Watched)
