@@ -18,11 +18,12 @@ from bev_driving_env.command_line import UsageError
 from bev_driving_env.files import write_json
 from bev_driving_env.frames import CHANNELS
 from bev_driving_env.logs.header import LogHeader
+from bev_driving_env.logs.order import open_logs
 from bev_driving_env.training.interrupts import noted_interrupts
 from bev_driving_env.training.processes import any_process, distributed, first_process_does
 from bev_driving_env.training.progress import events_writer
 
-from .batches import SampleSet, open_logs
+from .batches import SampleSet
 from .collect import discard
 from .dagger import drive_round
 from .network import NetworkConfig

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from agents.batches import AHEAD, SampleSet, batch_numbers, open_logs
+from agents.batches import AHEAD, SampleSet
 from agents.beta_agent import BetaAgent
 from agents.checkpoint import load_weights
 from agents.collect import claim_folder, collect, jobs_of, log_settings
@@ -29,6 +29,7 @@ from agents.training import Trainer
 from agents.training_config import TrainingConfig
 from agents.weighting import kde_weights
 from bev_driving_env.logs.header import LogHeader
+from bev_driving_env.logs.order import batch_numbers, open_logs
 from bev_driving_env.settings import EnvSettings
 
 from .speed_figure import Figure

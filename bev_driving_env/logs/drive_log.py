@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bev import BEVRenderer, bev_window
+from ..cameras.look import Look
 from ..cameras.renderer import CameraRenderer, CameraSettings
 from ..checks import is_int, require_count
 from ..frames import CHANNELS, BEVGeometry
@@ -58,6 +59,7 @@ class DriveLog:
 
     Attributes:
         folder: See above.
+        geometry: That of the bird's-eye view and the route map.
         header: What all episodes have in common.
         episodes: Description of each episode.
         starts: (E + 1,) index of each episode's first sample, and after the last one.
@@ -74,8 +76,8 @@ class DriveLog:
         require_count("cached_episodes", cached_episodes)
         self.folder = Path(folder)
         self.header = LogHeader.read(self.folder)
-        self._geometry = bev or BEVGeometry()
-        require_bev_within(self._geometry)
+        self.geometry = bev or BEVGeometry()
+        require_bev_within(self.geometry)
         self._cached_episodes = cached_episodes
         found = [(*read_header(path), path) for path in episode_files(self.folder)]
         for episode, _, path in found:
@@ -139,11 +141,11 @@ class DriveLog:
 
     @functools.cached_property
     def _bev_renderer(self) -> BEVRenderer:
-        return BEVRenderer(self.town, self._geometry)
+        return BEVRenderer(self.town, self.geometry)
 
     def bev(self, index: int) -> NDArray[np.uint8]:
         """The ground-truth BEV (6, size, size) uint8 of a sample."""
-        size = self._geometry.size
+        size = self.geometry.size
         bev = np.empty((1, len(CHANNELS), size, size), np.uint8)
         self._bev_renderer.render(self._at(index), _SELECTED, bev)
         return bev[0]
@@ -158,10 +160,10 @@ class DriveLog:
 
     def route_map(self, index: int) -> NDArray[np.uint8]:
         """The sparse plan (size, size) uint8, as a navigation system with GPS shows it."""
-        state, size = self._at(index), self._geometry.size
+        state, size = self._at(index), self.geometry.size
         maps = np.empty((1, size, size), np.uint8)
         render_route_maps(
-            bev_window(self._geometry),
+            bev_window(self.geometry),
             _SELECTED,
             state.ego,
             state.progress,
@@ -179,14 +181,17 @@ class DriveLog:
         """How the cameras saw when it was recorded."""
         return self.header.env_settings.camera_settings()
 
-    def images(self, index: int, settings: CameraSettings | None = None) -> NDArray[np.uint8]:
+    def images(
+        self, index: int, settings: CameraSettings | None = None, look: Look | None = None
+    ) -> NDArray[np.uint8]:
         """Camera images (C, H, W, 3) uint8 RGB of a sample.
 
         Args:
             index: The sample.
             settings: Rig, size, appearance; those of the recording if None.
+            look: Look to render with; that of the sample's episode if None.
         """
-        return self._cameras(settings or self.camera_settings).render(self._at(index), 0)
+        return self._cameras(settings or self.camera_settings).render(self._at(index), 0, look)
 
     def _cameras(self, settings: CameraSettings) -> CameraRenderer:
         if settings not in self._renderers:
@@ -198,11 +203,13 @@ class DriveLog:
             self._renderers[settings] = renderer
         return self._renderers[settings]
 
-    def sensor_frame(self, index: int, settings: CameraSettings | None = None) -> SensorFrame:
+    def sensor_frame(
+        self, index: int, settings: CameraSettings | None = None, look: Look | None = None
+    ) -> SensorFrame:
         """All that a predictor is given at a sample; arguments as for ``images``."""
         settings = settings or self.camera_settings
         return SensorFrame(
-            images=self.images(index, settings),
+            images=self.images(index, settings, look),
             intrinsics=settings.rig.intrinsics(),
             extrinsics=settings.rig.extrinsics(),
             route_map=self.route_map(index),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bev_driving_env import DriveLog
+from bev_driving_env.cameras.look import draw_look
 from bev_driving_env.cameras.renderer import CameraSettings
 from bev_driving_env.cameras.rig import SURROUND, CameraRig
 from bev_driving_env.frames import BEVGeometry
@@ -118,6 +119,16 @@ def test_other_cameras_and_other_views_can_be_asked_for(recorded):
     settings = CameraSettings(CameraRig(SURROUND[:2], (40, 60)), 3, False)
     assert log.images(0, settings).shape == (2, 40, 60, 3)
     assert log.sensor_frame(0, settings).intrinsics.shape == (2, 3, 3)
+
+
+def test_a_sample_can_be_seen_in_another_look(recorded):
+    log = DriveLog(recorded[0])
+    look = draw_look("train", 3)
+    seen = log.images(0, look=look)
+    same = CameraSettings(log.camera_settings.rig, 3, log.camera_settings.motion)
+    np.testing.assert_array_equal(seen, log.images(0, same))
+    np.testing.assert_array_equal(seen, log.sensor_frame(0, look=look).images)
+    assert (seen != log.images(0)).any()
 
 
 def test_splits_and_windows_keep_to_their_episodes(recorded):

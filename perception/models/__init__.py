@@ -1,0 +1,1 @@
+"""Networks that turn camera images and a route map into the logits of a bird's-eye view."""
