@@ -83,9 +83,9 @@ class PPOConfig:
 FROM_SCRATCH = PPOConfig()
 FINE_TUNING = replace(
     FROM_SCRATCH,
-    steps=65_536,
+    steps=49_152,
     learning_rate=3e-5,
     entropy_weight=0.0,
     target_kl=0.02,
-    critic_steps=16_384,
+    critic_steps=8192,
 )
