@@ -113,7 +113,7 @@ def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
         ends = options.ends()
         for phase, end in enumerate(ends):
             rounds = [_round_folder(options, number) for number in range(phase)]
-            if trainer.step < end and not trainer.exhausted:
+            if trainer.step < end and not _stopped_early(options, trainer):
                 if phase and trainer.step == ends[phase - 1]:
                     # so that a round that is interrupted goes on with the policy that began it
                     report.keep()
@@ -154,8 +154,14 @@ def _phase(
         if time.monotonic() - kept > options.checkpoint_s:
             report.keep()
             kept = time.monotonic()
-        if trainer.exhausted:
+        if _stopped_early(options, trainer):
             return
+
+
+def _stopped_early(options: TrainOptions, trainer: Trainer) -> bool:
+    """Whether validation has stopped to improve; never before the last DAgger round is driven."""
+    rounds_end = options.ends()[-2] if options.dagger else 0
+    return trainer.exhausted and trainer.step > rounds_end
 
 
 def _claim(options: TrainOptions) -> None:

@@ -171,7 +171,7 @@ class Optimisation:
 
     def forget_best(self) -> None:
         """Let the next value judged be the best: what was best before counts no more."""
-        self.best_value = math.inf
+        self.best_value, self._stale = math.inf, 0
 
     def best_weights(self) -> Weights:
         """The best weights; the last ones while nothing was judged."""

@@ -100,6 +100,21 @@ def test_a_checkpoint_right_after_a_dagger_round_says_that_nothing_was_validated
     assert (card["dagger_rounds"], card["steps"]) == (1, 4)
 
 
+def test_validation_that_gets_no_better_ends_training_only_after_the_last_round(
+    log, tmp_path, monkeypatch
+):
+    values = iter([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    monkeypatch.setattr(
+        train_run.Trainer, "validate", lambda self, _: self.judge(next(values)) or 9
+    )
+    arguments = ["train", "--data", str(log), "--out", str(tmp_path), "--batch-size", "4"]
+    arguments += ["--threads", "1", "--steps", "6", "--dagger", "1", "--patience", "2"]
+    assert main([*arguments, "--validate-every", "1"]) == 0
+    # the best of the first phase is forgotten: 4.0 is the best of the second, 6.0 the second worse
+    assert weights_card(tmp_path / "policy.safetensors")["steps"] == 6
+    assert (tmp_path / "dagger" / "round_00").is_dir()
+
+
 def test_without_a_log_one_line_says_so(tmp_path, capsys):
     missing = tmp_path / "nothing"
     assert main(["train", "--data", str(missing), "--out", str(tmp_path / "out"), *SHORT]) == 2

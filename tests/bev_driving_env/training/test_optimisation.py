@@ -83,8 +83,8 @@ def test_the_best_weights_are_kept_until_they_are_forgotten():
     assert optimisation.exhausted
     assert torch.equal(optimisation.best_weights()["weight"], kept)
     optimisation.forget_best()
-    optimisation.judge(2.0)
     assert not optimisation.exhausted
+    optimisation.judge(2.0)
     assert torch.equal(optimisation.best_weights()["weight"], optimisation.module.weight)
 
 
