@@ -125,7 +125,6 @@ def drive(job: Job, video: Path | None = None) -> EpisodeResult:
         video: MP4 file to write, or None.
     """
     env = _env(job.town, job.bev, job.appearance, job.conditions)
-    world = env.world
     trajectory: list[tuple[float, float]] = []
     error = failure = ""
     with contextlib.ExitStack() as stack:
@@ -142,8 +141,33 @@ def drive(job: Job, video: Path | None = None) -> EpisodeResult:
             trajectory.append(env.ego_pose[:2])
             if film:
                 film.add(env.draw())
+    return _result(env, job, trajectory, failure, error)
+
+
+def never_driven(job: Job, failure: str) -> EpisodeResult:
+    """The result of an episode whose driver brought its whole process down.
+
+    How far it came went down with it, so it counts as 0 m.
+
+    Args:
+        job: What was to be driven.
+        failure: What is known about it, in a line.
+    """
+    env = _env(job.town, "ground_truth", job.appearance, job.conditions)
+    env.reset(seed=job.seed, options=job.options)
+    return _result(env, job, [], failure, failure)
+
+
+def _result(
+    env: BEVTownEnv,
+    job: Job,
+    trajectory: list[tuple[float, float]],
+    failure: str,
+    error: str,
+) -> EpisodeResult:
+    """What came of an episode, of which the environment holds the last state."""
     trajectory = trajectory or [env.ego_pose[:2]]
-    summary = episode_summary(world, 0)
+    summary = episode_summary(env.world, 0)
     events = summary["infractions"]
     first = events[0] if events else None
     return EpisodeResult(

@@ -6,6 +6,7 @@ import json
 import multiprocessing
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from tqdm import tqdm
 from bev_driving_env.files import write_json
 from bev_driving_env.workers import become_worker
 
-from .drive import EpisodeResult, drive
+from .drive import EpisodeResult, drive, never_driven
 from .errors import OtherRunError
 from .suites import Job
 
@@ -60,6 +61,21 @@ def _drive_all(
         for job, film in jobs:
             yield drive_and_keep(job, folder, film)
         return
+    left = dict(jobs)
+    try:
+        for result in _drive_in_pool(jobs, folder, workers):
+            del left[result.job]
+            yield result
+    except BrokenProcessPool:
+        # a driver or predictor brought its process down, and the others' with it: one at a time,
+        # so that it is known which
+        for job, film in left.items():
+            yield _drive_apart(job, folder, film)
+
+
+def _drive_in_pool(
+    jobs: Sequence[tuple[Job, Path | None]], folder: Path, workers: int
+) -> Iterator[EpisodeResult]:
     # spawned, not forked: the parent may hold threads (progress bar, numerical libraries)
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(
@@ -79,12 +95,31 @@ def _drive_all(
     pool.shutdown()
 
 
+def _drive_apart(job: Job, folder: Path, film: Path | None) -> EpisodeResult:
+    """Drive a job in a process of its own; if that dies, the episode has failed."""
+    result = read_result(folder, job)
+    if result is not None and not _is_missing(result, film):
+        return result  # it was finished, and its process died over the next one
+    try:
+        (result,) = _drive_in_pool([(job, film)], folder, 1)
+    except BrokenProcessPool:
+        failure = "the process that drove this episode died (see its output above, if there is any)"
+        result = never_driven(job, failure)
+        _keep(result, folder)
+    return result
+
+
 def drive_and_keep(job: Job, folder: Path, film: Path | None = None) -> EpisodeResult:
     """Drive one job and write its result, and its video if asked for."""
     result = drive(job, film)
-    # the run's own file, one folder up, holds command, versions, commit and date
-    write_json(folder / f"{job.key}.json", {**result.as_dict(), "run": "../run.json"})
+    _keep(result, folder)
     return result
+
+
+def _keep(result: EpisodeResult, folder: Path) -> None:
+    # the run's own file, one folder up, holds command, versions, commit and date
+    path = folder / f"{result.job.key}.json"
+    write_json(path, {**result.as_dict(), "run": "../run.json"})
 
 
 def read_result(folder: Path, job: Job) -> EpisodeResult | None:

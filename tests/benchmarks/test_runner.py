@@ -131,3 +131,36 @@ def test_a_killed_run_starts_again_where_it_was_and_leaves_no_workers(how, tmp_p
     assert "5/5" in done.stdout
     for name, content in kept.items():
         assert (episodes / name).read_text(encoding="utf-8") == content
+
+
+DEADLY_DRIVER = """
+import os
+from agents import Expert
+
+class Deadly(Expert):
+    def reset(self, seed):
+        super().reset(seed)
+        self.steps = 0
+
+    def act(self, observation):
+        self.steps += 1
+        if self.steps == 5:
+            os._exit(7)  # as a segmentation fault in a library would
+        return super().act(observation)
+"""
+
+
+def test_a_driver_that_brings_its_process_down_fails_its_own_episodes_alone(tmp_path, monkeypatch):
+    (tmp_path / "toy_deadly_driver.py").write_text(DEADLY_DRIVER, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    agents = ("expert", "toy_deadly_driver:Deadly", "expert")
+    routes = zip(agents, (0, 0, 2), strict=True)
+    jobs = [Job("Town02", "episode", k, "ground_truth", agent, 0, "test") for agent, k in routes]
+    results = run_jobs(jobs, tmp_path / "out", workers=2)
+    assert [result.job for result in results] == jobs
+    assert [result.success for result in results] == [True, False, True]
+    dead = results[1]
+    assert "the process that drove this episode died" in dead.failure
+    assert dead.error
+    assert (dead.driven_m, dead.planned_m) == (0.0, results[0].planned_m)
+    assert read_result(tmp_path / "out" / "episodes", jobs[1]) == dead
