@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import argparse
 import functools
-import json
 import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import torch
 
 from bev_driving_env.checks import require_count
 from bev_driving_env.command_line import UsageError
-from bev_driving_env.files import write_json
 from bev_driving_env.frames import CHANNELS
 from bev_driving_env.logs.header import LogHeader
 from bev_driving_env.logs.order import open_logs
+from bev_driving_env.training.device import usable_device
+from bev_driving_env.training.folder import claim_folder, discard_training, holds_training
 from bev_driving_env.training.interrupts import noted_interrupts
 from bev_driving_env.training.processes import any_process, distributed, first_process_does
 from bev_driving_env.training.progress import events_writer
@@ -41,9 +40,7 @@ from .training_report import (
 from .weighting import kde_weights
 
 DAGGER = "dagger"
-RECIPE = "training.json"
-OWN_FILES = (CHECKPOINT, WEIGHTS, METRICS, RECIPE)
-EVENTS = "events.out.tfevents.*"
+OWN_FILES = (CHECKPOINT, WEIGHTS, METRICS)
 
 
 def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
@@ -82,21 +79,10 @@ def _options(namespace: argparse.Namespace) -> TrainOptions:
         weighting=namespace.weighting,
         dagger=namespace.dagger,
         checkpoint_s=60.0 * namespace.checkpoint_minutes,
-        device=_device(namespace.device),
+        device=usable_device(namespace.device),
         overwrite=namespace.overwrite,
         tensorboard=namespace.tensorboard,
     )
-
-
-def _device(name: str) -> torch.device:
-    """A device that can hold numbers and hand them back; ValueError if it cannot."""
-    try:
-        device = torch.device(name)
-        torch.zeros(1, device=device).item()
-    except (AssertionError, NotImplementedError, RuntimeError) as error:
-        reason = str(error).partition("\n")[0]
-        raise ValueError(f"--device {name!r} cannot be used: {reason}") from error
-    return device
 
 
 def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
@@ -165,47 +151,21 @@ def _stopped_early(options: TrainOptions, trainer: Trainer) -> bool:
 
 
 def _claim(options: TrainOptions) -> None:
-    """Note what is learned from, or find that it is what this folder was made of.
+    """Make the output folder this training's own.
 
     Raises:
         ValueError: The folder holds a policy that learned from something else.
     """
-    if options.overwrite:
-        _discard(options)
-    path = options.out / RECIPE
-    recipe: dict[str, Any] = {
+    if options.overwrite and holds_training(options.out):
+        for folder in (options.out / DAGGER).glob("round_*"):
+            discard(folder)
+        discard_training(options.out, OWN_FILES)
+    recipe = {
         "data": [str(folder) for folder in options.data],
         "weighting": options.weighting,
         "dagger": options.dagger,
     }
-    if not path.exists():
-        for name in OWN_FILES:
-            if (options.out / name).exists():
-                raise ValueError(
-                    f"{options.out} holds {name} but no {RECIPE}: choose another --out"
-                )
-        write_json(path, recipe)
-        return
-    try:
-        kept = dict(json.loads(path.read_text(encoding="utf-8")))
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{path} is not the file of a training: {error}") from error
-    for name, value in recipe.items():
-        if kept.get(name) != value:
-            raise ValueError(
-                f"{options.out} holds a training with {name} {kept.get(name)!r}, this one has "
-                f"{value!r}: choose another --out, or add --overwrite"
-            )
-
-
-def _discard(options: TrainOptions) -> None:
-    """Remove this command's own files from the output folder, and nothing else."""
-    if not (options.out / RECIPE).exists():
-        return
-    for folder in (options.out / DAGGER).glob("round_*"):
-        discard(folder)
-    for path in (*options.out.glob(EVENTS), *map(options.out.joinpath, OWN_FILES)):
-        path.unlink(missing_ok=True)
+    claim_folder(options.out, recipe, OWN_FILES)
 
 
 def _round_folder(options: TrainOptions, number: int) -> Path:

@@ -42,6 +42,11 @@ def agents() -> int:
     return _run("bev-agents", "agents.cli")
 
 
+def perception() -> int:
+    """``bev-perception``."""
+    return _run("bev-perception", "perception.cli")
+
+
 def _run(program: str, module: str) -> int:
     for name, found in foreign_packages().items():
         print(

@@ -20,8 +20,9 @@ import torch.nn.functional as F  # noqa: N812 (PyTorch's own idiom)
 from torch import Tensor
 
 from .loss_kernel import bce_dice_planes
+from .training_config import LOSSES
 
-KINDS = ("bce", "bce_dice")
+KINDS = LOSSES
 
 
 def bev_loss(

@@ -13,6 +13,8 @@ from bev_driving_env.frames import BEVGeometry
 from bev_driving_env.sources.protocol import SensorFrame
 
 from .inputs import FrameInputs, collated
+from .metrics import least_level
+from .precision import resolved_precision
 from .weights import Predictor, load_predictor
 
 OUTPUTS = ("masks", "probabilities")
@@ -47,18 +49,14 @@ class ModelSource:
     ) -> None:
         if output not in OUTPUTS:
             raise ValueError(f"output must be one of {', '.join(OUTPUTS)}, got {output!r}")
-        if precision not in ("auto", "bf16", "fp32"):
-            raise ValueError(f"precision must be auto, bf16 or fp32, got {precision!r}")
-        self._path = predictor if isinstance(predictor, str | Path) else None
+        self._half = resolved_precision(precision) == "bf16"
         loaded = predictor if isinstance(predictor, Predictor) else load_predictor(predictor)
         self.predictor = loaded
         self.channels = loaded.channels
         self.geometry = BEVGeometry()
         self._output = output
-        self._half = precision == "bf16" or (precision == "auto" and bf16_pays_off())
         self._inputs = FrameInputs(loaded.model.needs, self.geometry)  # type: ignore[arg-type]
-        # least byte of an occupied cell
-        self._levels = np.ceil(np.array(loaded.thresholds) * 255.0).astype(np.uint8)
+        self._levels = least_level(np.array(loaded.thresholds)).astype(np.uint8)
 
     def reset(self) -> None:
         """Nothing is remembered but tables that depend on the rig alone."""
@@ -93,12 +91,3 @@ class ModelSource:
             return (
                 torch.sigmoid(logits.float()).mul_(255.0).round_().to(torch.uint8).numpy(force=True)
             )
-
-
-def bf16_pays_off() -> bool:
-    """Whether this processor multiplies matrices of bfloat16 in hardware (AMX or AVX-512)."""
-    for name in ("_is_amx_tile_supported", "_is_avx512_bf16_supported"):
-        supported = getattr(torch.cpu, name, None)
-        if supported is not None and supported():
-            return True
-    return False

@@ -24,8 +24,8 @@ from bev_driving_env.logs.errors import LogError
 from bev_driving_env.sources.protocol import SensorFrame
 
 from .inputs import Arrays, FrameInputs, mirror_order, mirrored
+from .training_config import LOOKS
 
-LOOKS = ("log", "random")
 HELD_OUT = ("test", "hard")
 """Appearances that no network may be trained on."""
 

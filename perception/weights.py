@@ -13,6 +13,7 @@ from typing import Any
 
 from torch import nn
 
+from bev_driving_env.checks import is_int
 from bev_driving_env.weights_file import (
     WeightsError,
     read_tensors,
@@ -40,7 +41,8 @@ class Predictor:
         card: What is known about its training.
 
     Raises:
-        ValueError: There are more or fewer thresholds than channels, or one is not in (0, 1).
+        ValueError: There are more or fewer thresholds than channels, one is not in (0, 1), or
+            the size is none.
     """
 
     spec: ModelSpec
@@ -53,6 +55,9 @@ class Predictor:
         channels = self.spec.config.channels
         object.__setattr__(self, "thresholds", tuple(map(float, self.thresholds)))
         object.__setattr__(self, "camera_size", tuple(self.camera_size))
+        object.__setattr__(self, "card", dict(self.card))
+        if len(self.camera_size) != 2 or not all(is_int(s) and s > 0 for s in self.camera_size):
+            raise ValueError(f"camera_size must be (height, width), got {self.camera_size!r}")
         if len(self.thresholds) != len(channels) or not all(0 < t < 1 for t in self.thresholds):
             raise ValueError(
                 f"thresholds must be {len(channels)} numbers between 0 and 1, one a channel, "

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TypeVar
 
 import torch
 import torch.distributed as dist
+
+T = TypeVar("T")
 
 
 def process_rank() -> tuple[int, int]:
@@ -57,3 +60,12 @@ def any_process(flag: bool) -> bool:
     flags = torch.tensor(int(flag))
     dist.all_reduce(flags, dist.ReduceOp.MAX)
     return bool(flags)
+
+
+def of_all_processes(value: T) -> list[T]:
+    """Values of all processes in order of their ranks, the same list in each."""
+    _, ranks = process_rank()
+    values: list[T] = [value] * ranks
+    if ranks > 1:
+        dist.all_gather_object(values, value)
+    return values

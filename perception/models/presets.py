@@ -8,6 +8,7 @@ from typing import Any
 
 from torch import nn
 
+from bev_driving_env.cameras.rig import CAMERA_SIZE
 from bev_driving_env.frames import CHANNELS
 
 from .bev_unet import BEVUNet, BEVUNetConfig
@@ -49,6 +50,11 @@ class ModelSpec:
                 f"{self.architecture!r} takes a {known[0].__name__}, "
                 f"got {type(self.config).__name__}"
             )
+
+    @property
+    def camera_size(self) -> tuple[int, int]:
+        """Height and width of the images that it is trained on."""
+        return getattr(self.config, "image_size", CAMERA_SIZE)
 
     def build(self) -> nn.Module:
         """The network, with new weights from PyTorch's random generator."""

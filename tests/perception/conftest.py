@@ -3,6 +3,8 @@
 import pytest
 
 from agents.cli import main
+from perception.models.bev_unet import BEVUNetConfig
+from perception.models.presets import ModelSpec
 
 
 @pytest.fixture(scope="session")
@@ -13,3 +15,10 @@ def log_folder(tmp_path_factory):
     arguments += ["--town", "Town02", "--traffic", "dense", "--lights"]
     assert main(["collect", *arguments, "--out", str(folder)]) == 0
     return folder
+
+
+@pytest.fixture(scope="session")
+def tiny_spec():
+    """A network of a few hundred weights that sees ground and route map."""
+    config = BEVUNetConfig(widths=(4, 4), encoder_blocks=(0, 0), decoder_blocks=(0,))
+    return ModelSpec("bev_unet", config)

@@ -361,7 +361,8 @@ def test_a_network_that_remembers_is_refused_when_it_is_read(tmp_path):
 
 @pytest.mark.parametrize("path", ["a.onnx", "a", "a.pt2.zip", "a.PTH"])
 def test_a_checkpoint_of_another_kind_is_refused_by_its_suffix(path):
-    with pytest.raises(ValueError, match=r"ends in '(\.onnx||\.zip|\.PTH)'; supported: \.pt2$"):
+    message = r"ends in '(\.onnx||\.zip|\.PTH)'; supported: \.pt2, \.safetensors$"
+    with pytest.raises(ValueError, match=message):
         perception.load_source(path)
 
 
