@@ -11,10 +11,11 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from bev_driving_env.training.threads import one_thread
+
 from .beta import beta_mean, beta_mode
 from .checkpoint import load_weights
 from .policy import BetaPolicy
-from .threads import one_thread
 
 ANSWERS = ("mode", "mean", "sample")
 

@@ -25,8 +25,9 @@ from stable_baselines3.common.policies import BasePolicy
 from stable_baselines3.common.save_util import load_from_zip_file
 from stable_baselines3.common.utils import set_random_seed
 
+from bev_driving_env.training.threads import one_thread
+
 from .adapters import observation_adapter
-from .threads import one_thread
 
 _NEEDED = ("policy_class", "observation_space", "action_space", "policy_kwargs", "use_sde")
 

@@ -10,9 +10,9 @@ from typing import Any
 
 from bev_driving_env.command_line import UsageError
 from bev_driving_env.files import write_json
+from bev_driving_env.markdown import markdown
 from bev_driving_env.provenance import cpu_name, provenance
 
-from .results import markdown
 from .speed import figures
 from .speed_cameras import metadrive_line
 from .speed_figure import Figure

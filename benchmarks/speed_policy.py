@@ -24,13 +24,13 @@ from agents.collect import claim_folder, collect, jobs_of, log_settings
 from agents.network import NetworkConfig
 from agents.policy import BetaPolicy
 from agents.registry import agent_source
-from agents.threads import one_thread
 from agents.training import Trainer
 from agents.training_config import TrainingConfig
 from agents.weighting import kde_weights
 from bev_driving_env.logs.header import LogHeader
 from bev_driving_env.logs.order import batch_numbers, open_logs
 from bev_driving_env.settings import EnvSettings
+from bev_driving_env.training.threads import one_thread
 
 from .speed_figure import Figure
 from .speed_steps import Timing

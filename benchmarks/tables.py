@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from .results import Score, markdown
+from bev_driving_env.markdown import markdown
+
+from .results import Score
 
 LEADERBOARD_KINDS = {
     "Ped.": "collision_pedestrian",

@@ -13,11 +13,11 @@ from tqdm import tqdm
 
 from bev_driving_env.command_line import UsageError
 from bev_driving_env.files import write_json
+from bev_driving_env.markdown import markdown
 from bev_driving_env.provenance import provenance
 from bev_driving_env.towns.registry import town_names
 from bev_driving_env.world.traffic import PRESETS
 
-from .results import markdown
 from .traffic_flow import TrafficFlow, measure_flow
 
 

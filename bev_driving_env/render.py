@@ -181,9 +181,9 @@ def draw_panel(sensors: Sensors, n: int, policy_bev: Image) -> Image:
         _labelled(_bev_panel(world, truth[n], side), "BEV, truth"),
     ]
     size = side * 7 // 15, side
-    tiles = [_fit(image, size, name) for name, image in _views(sensors, n)]
+    tiles = [fit_tile(image, size, name) for name, image in _views(sensors, n)]
     route_map = sensors.route_maps(selected)[n]
-    tiles.append(_fit(np.repeat(route_map[..., None], 3, axis=2), size, "route map"))
+    tiles.append(fit_tile(np.repeat(route_map[..., None], 3, axis=2), size, "route map"))
     tiles.append(_channels(policy_bev, size))
     tiles += [np.full((*size, 3), 24, np.uint8)] * (-len(tiles) % 3)
     rows = [np.hstack(tiles[k : k + 3]) for k in range(0, len(tiles), 3)]
@@ -205,8 +205,8 @@ def _views(sensors: Sensors, n: int) -> list[tuple[str, Image]]:
     return [(cameras[k].name, images[k]) for k in order]
 
 
-def _fit(image: Image, size: tuple[int, int], name: str) -> Image:
-    """An image scaled into a tile (height, width), in the middle, with its name."""
+def fit_tile(image: Image, size: tuple[int, int], name: str) -> Image:
+    """An RGB image scaled into a tile (height, width, 3), in the middle, with its name."""
     tile: Image = np.full((*size, 3), 24, np.uint8)
     scale = min(size[0] / image.shape[0], size[1] / image.shape[1])
     height, width = round(image.shape[0] * scale), round(image.shape[1] * scale)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from bev_driving_env.command_line import OneLineParser, run_verb
 from bev_driving_env.logs.errors import LogError
 
-from . import train_command
+from . import evaluate_command, train_command
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -19,6 +19,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="COMMAND")
     train_command.add_parser(verbs)
+    evaluate_command.add_parser(verbs)
     return parser
 
 

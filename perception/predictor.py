@@ -58,6 +58,11 @@ class ModelSource:
         self._inputs = FrameInputs(loaded.model.needs, self.geometry)  # type: ignore[arg-type]
         self._levels = least_level(np.array(loaded.thresholds)).astype(np.uint8)
 
+    @property
+    def camera_size(self) -> tuple[int, int]:
+        """Height and width of the images that it must be shown."""
+        return self.predictor.camera_size
+
     def reset(self) -> None:
         """Nothing is remembered but tables that depend on the rig alone."""
 
