@@ -7,7 +7,7 @@ the very batches that it would have seen.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -188,7 +188,7 @@ class Waited:
         """Part of the time in which the consumer had nothing to do."""
         return self.waited_s / self.total_s if self.total_s else 0.0
 
-    def __iter__(self) -> Iterator[SampleBatch]:
+    def __iter__(self) -> Generator[SampleBatch, None, None]:
         coming = iter(self._batches)
         started = time.perf_counter() - self.total_s
         while True:
