@@ -13,13 +13,13 @@ import gymnasium as gym
 from .expert import Expert
 from .protocol import Agent
 
-SHIPPED = ("bc",)
+SHIPPED = ("bc", "bc_town")
 """Policies that come with BEVTown."""
 
 FORMS = (
-    "'expert', 'bc', a PATH.safetensors of bev-agents, 'sb3:PATH.zip' (a pickle: only one that "
-    "you trust), 'onnx:PATH', a PATH.onnx, or 'module:factory' (a callable that takes the "
-    "environment)"
+    "'expert', 'bc', 'bc_town', a PATH.safetensors of bev-agents, 'sb3:PATH.zip' (a pickle: only "
+    "one that you trust), 'onnx:PATH', a PATH.onnx, or 'module:factory' (a callable that takes "
+    "the environment)"
 )
 
 Factory = Callable[[gym.Env[Any, Any]], Any]
@@ -32,9 +32,10 @@ def make_agent(spec: str, env: gym.Env[Any, Any]) -> Agent:
         spec: One of
 
             * ``"expert"``, the privileged one;
-            * ``"bc"``, the behaviour-cloned policy that comes with BEVTown, or the path of a
-              ``.safetensors`` file with another. Either may end in ``:mode``, ``:mean`` or
-              ``:sample``, the action that it takes of its distribution;
+            * ``"bc"`` or ``"bc_town"``, the behaviour-cloned policies that come with BEVTown, the
+              latter for traffic and signals, or the path of a ``.safetensors`` file with another.
+              Each may end in ``:mode``, ``:mean`` or ``:sample``, the action that it takes of its
+              distribution;
             * ``"sb3:PATH.zip"``, saved by Stable-Baselines3, any algorithm. Such a file is a
               pickle and can run code: only load one that you trust;
             * ``"onnx:PATH"``, or a path that ends in ``.onnx``;

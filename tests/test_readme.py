@@ -59,6 +59,10 @@ SHORTER = {
     "train": ["--dagger", "0", "--steps", "2", "--batch-size", "4"],
     "info": [],
     "export": [],
+    "ppo": [
+        *("--steps", "16", "--worlds", "2", "--horizon", "8", "--batch-size", "8"),
+        *("--epochs", "1", "--validate-every", "16", "--validation-routes", "1"),
+    ],
 }
 """What makes a line of ``bev-agents`` quick; the last of two equal options counts."""
 

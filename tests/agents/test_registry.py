@@ -82,7 +82,9 @@ def test_anything_else_is_not(thing):
     "spec", ["exprt", "", ":", "my_drivers:", ":coasting", "sb3:", "onnx:", ":sample", "runs/bc"]
 )
 def test_a_spec_of_no_known_form_is_refused_with_the_forms(spec, env, drivers):
-    with pytest.raises(ValueError, match=r"'expert', 'bc', .* or 'module:factory'") as error:
+    with pytest.raises(
+        ValueError, match=r"'expert', 'bc', 'bc_town', .* or 'module:factory'"
+    ) as error:
         make_agent(spec, env)
     assert repr(spec) in str(error.value)
 

@@ -1,7 +1,8 @@
-"""The policy that comes with BEVTown drives."""
+"""The policies that come with BEVTown drive."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium as gym
@@ -14,7 +15,7 @@ from agents import make_agent
 from agents.checkpoint import weights_card
 from agents.registry import SHIPPED
 from benchmarks.drive import drive
-from benchmarks.suites import SUITES, jobs_of
+from benchmarks.suites import SUITES, Conditions, jobs_of
 
 
 @pytest.mark.parametrize("town", ["Town01", "Town02"])
@@ -22,6 +23,13 @@ def test_bc_drives_the_papers_episodes_on_true_bev_without_an_infraction(town):
     jobs = jobs_of(SUITES["paper"], [town], ["ground_truth"], ["bc"], [0])
     results = [drive(job) for job in jobs]
     assert [result.clean for result in results] == [True] * 5
+
+
+def test_bc_town_gives_way_and_stops_for_signals_in_dense_traffic():
+    dense = Conditions(traffic="dense", traffic_lights=True)
+    suite = replace(SUITES["paper"], conditions=dense)
+    jobs = jobs_of(suite, ["Town02"], ["ground_truth"], ["bc_town"], [0])[:2]
+    assert [drive(job).clean for job in jobs] == [True] * 2
 
 
 def test_it_lives_on_its_bev():
