@@ -72,7 +72,7 @@ def test_agents_lines_run_one_after_the_other(tmp_path, monkeypatch):
     lines = re.findall(r"^bev-agents (.*)$", BASH, flags=re.MULTILINE)
     assert {shlex.split(line)[0] for line in lines} == set(SHORTER)
     for line in lines:
-        arguments = shlex.split(line)
+        arguments = shlex.split(line, comments=True)
         run([sys.executable, "-m", "agents.cli", *arguments, *SHORTER[arguments[0]]], tmp_path)
     assert (tmp_path / "runs/bc/policy.safetensors").exists()
     assert (tmp_path / "datasets/bevtown/town01-v0/data/metadata.json").exists()

@@ -31,7 +31,7 @@ class Broken(Roads):
 @pytest.fixture
 def toy(tmp_path, monkeypatch):
     """A folder with a module of one's own."""
-    (tmp_path / "toy_sources.py").write_text(TOY)
+    (tmp_path / "toy_eval_sources.py").write_text(TOY)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     return tmp_path
@@ -44,7 +44,7 @@ def evaluate(*arguments):
 def test_a_run_writes_tables_figures_and_pictures(log_folder, toy, capsys, monkeypatch):
     far_sighted = functools.partial(log_places, ahead_m=60.0)  # the drives are short
     monkeypatch.setattr(evaluation, "log_places", far_sighted)
-    bev = ["ground_truth", "toy_sources:Roads"]
+    bev = ["ground_truth", "toy_eval_sources:Roads"]
     asked = ["--bev", *bev, "--data", log_folder, "--samples", 6, "--pictures", 1]
     assert evaluate(*asked, "--seed", 3, "--out", "eval") == 0
     text = (toy / "eval/evaluation.md").read_text()
@@ -63,7 +63,7 @@ def test_a_run_writes_tables_figures_and_pictures(log_folder, toy, capsys, monke
         row
         for row in table
         if (row["source"], row["place"], row["band"], row["channel"])
-        == ("toy_sources:Roads", "all", "all", "road")
+        == ("toy_eval_sources:Roads", "all", "all", "road")
     )
     assert f"{float(row['iou']):.3f}" == cells[0]
     assert (row["frames"], row["town"], row["appearance"]) == ("6", "Town02", "test")
@@ -72,7 +72,7 @@ def test_a_run_writes_tables_figures_and_pictures(log_folder, toy, capsys, monke
     note = found["provenance"]
     assert note["command"].startswith("bev-perception evaluate --workers 1 --bev ground_truth")
     assert note["seeds"] == [3]
-    assert set(note["hashes"]) == {"toy_sources:Roads", str(log_folder)}
+    assert set(note["hashes"]) == {"toy_eval_sources:Roads", str(log_folder)}
     assert len(found["iou"]) == len(table)
     assert found["results"][1]["turns"] is None
     assert [len(result["frames"]) for result in found["results"]] == [6, 6]
@@ -102,7 +102,10 @@ def test_leaks_add_a_row_for_each_change(log_folder, toy):
     [
         (["--bev", "imp"], "unknown bev_source 'imp'; available sources: "),
         (["--bev", "missing.safetensors"], "there is no such file"),
-        (["--bev", "toy_sources:Broken"], "'toy_sources:Broken' raised KeyError: 'weights'"),
+        (
+            ["--bev", "toy_eval_sources:Broken"],
+            "'toy_eval_sources:Broken' raised KeyError: 'weights'",
+        ),
         (["--bev", "ipm", "--samples", "0"], "--samples must be"),
         (["--bev", "ipm", "--pictures", "-1"], "--pictures must be at least 0, got -1"),
     ],
