@@ -78,6 +78,32 @@ def test_agents_lines_run_one_after_the_other(tmp_path, monkeypatch):
     assert (tmp_path / "datasets/bevtown/town01-v0/data/metadata.json").exists()
 
 
+PERCEPTION_SHORTER = {
+    "train": ["--steps", "2", "--batch-size", "2", "--validation-samples", "2", "--workers", "0"],
+    "evaluate": ["--samples", "4", "--workers", "1"],
+}
+"""What makes a line of ``bev-perception`` quick."""
+
+
+def test_perception_lines_run_one_after_the_other(tmp_path):
+    (page,) = ROOT.glob("docs/predictors.md")
+    collect, *lines = re.findall(r"```bash\n(.*?)```", page.read_text("utf-8"), re.DOTALL)[
+        0
+    ].splitlines()
+    program, *arguments = shlex.split(collect)
+    assert program == "bev-agents"
+    run([sys.executable, "-m", "agents.cli", *arguments, *SHORTER["collect"]], tmp_path)
+    assert [shlex.split(line)[:2] for line in lines] == [
+        ["bev-perception", "train"],
+        ["bev-perception", "evaluate"],
+    ]
+    for line in lines:
+        verb, *arguments = shlex.split(line)[1:]
+        shorter = PERCEPTION_SHORTER[verb]
+        run([sys.executable, "-m", "perception.cli", verb, *arguments, *shorter], tmp_path)
+    assert "| ipm" in (tmp_path / "runs/eval/evaluation.md").read_text("utf-8")
+
+
 @pytest.mark.parametrize("command", TRAFFIC)
 def test_traffic_line_runs_as_written(command, tmp_path):
     # of the many seeds one will do
