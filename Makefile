@@ -4,7 +4,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 OUT    ?= runs/demo
 
-.PHONY: help demo test lint types unit oldest speed splits pictures clean
+.PHONY: help demo test lint types unit slow oldest speed splits pictures clean
 
 help:  ## List the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -24,7 +24,10 @@ types: $(VENV)/.tools
 	$(BIN)/mypy
 
 unit: $(VENV)/.tools
-	$(BIN)/python -m pytest -q -n 2
+	$(BIN)/python -m pytest -q -n 2 -m "not slow"
+
+slow: $(VENV)/.tools  ## The tests that take long: several processes, whole suites
+	$(BIN)/python -m pytest -q -n 2 -m slow
 
 oldest: $(VENV)-oldest/.installed  ## The environment's tests with the oldest supported Gymnasium
 	$(VENV)-oldest/bin/python -m pytest -q -n 2 $(wildcard tests/bev_driving_env/test_*.py) \

@@ -37,7 +37,16 @@ def test_python_block_runs_as_written(number, tmp_path):
     run([sys.executable, "-c", BLOCKS[number]], tmp_path)
 
 
-@pytest.mark.parametrize("command", [c for c in COMMANDS if c not in DEMO])
+LONG = ("--suite town", "examples.my_predictor")
+"""What takes long in a line, and is tested elsewhere on less."""
+
+
+def line_of_bash(command: str) -> object:
+    marks = [pytest.mark.slow] if any(part in command for part in LONG) else []
+    return pytest.param(command, marks=marks)
+
+
+@pytest.mark.parametrize("command", [line_of_bash(c) for c in COMMANDS if c not in DEMO])
 def test_benchmark_line_runs_as_written(command, tmp_path):
     driver = next(block for block in BLOCKS if block.startswith("# my_driver.py"))
     (tmp_path / "my_driver.py").write_text(driver, encoding="utf-8")

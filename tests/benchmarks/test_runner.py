@@ -107,7 +107,9 @@ class Slow(Expert):
 """
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "how", [signal.SIGTERM, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)]
+)
 def test_a_killed_run_starts_again_where_it_was_and_leaves_no_workers(how, tmp_path):
     (tmp_path / "toy_slow_driver.py").write_text(SLOW_DRIVER, encoding="utf-8")
     command = [sys.executable, "-m", "benchmarks.cli", "run", "--town", "Town02", "--workers", "2"]

@@ -10,7 +10,7 @@ from benchmarks.drive import drive
 from benchmarks.suites import SUITES, jobs_of
 
 
-@pytest.mark.parametrize("traffic", ["light", "dense"])
+@pytest.mark.parametrize("traffic", ["light", pytest.param("dense", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("town", ["Town01", "Town02"])
 def test_the_expert_scores_at_least_95_and_hits_nobody(town, traffic):
     suite = SUITES["town"].with_traffic(traffic)
