@@ -30,7 +30,8 @@ slow: $(VENV)/.tools  ## The tests that take long: several processes, whole suit
 	$(BIN)/python -m pytest -q -n 2 -m slow
 
 oldest: $(VENV)-oldest/.installed  ## The environment's tests with the oldest supported Gymnasium
-	$(VENV)-oldest/bin/python -m pytest -q -n 2 $(wildcard tests/bev_driving_env/test_*.py) \
+	PYTHONPATH=$(abspath $(VENV)-oldest) $(BIN)/python -m pytest -q -n 2 \
+		$(wildcard tests/bev_driving_env/test_*.py) \
 		$(addprefix tests/agents/test_,expert.py policy.py sb3_agent.py adapters.py)
 
 speed: $(VENV)/.installed  ## Steps per second beside highway-env, in one run
@@ -53,11 +54,11 @@ $(VENV)/.tools: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
 
-$(VENV)-oldest/.installed: pyproject.toml constraints.txt
-	$(PYTHON) -m venv $(VENV)-oldest
-	grep -v '^gymnasium==' constraints.txt > $(VENV)-oldest/constraints.txt
-	$(VENV)-oldest/bin/python -m pip install --quiet --disable-pip-version-check \
-		-c $(VENV)-oldest/constraints.txt 'gymnasium==1.2.0' 'pytest>=8' 'pytest-xdist>=3' 'hypothesis>=6.100' -e .
+# the old Gymnasium alone, in a folder that comes before the virtual environment's
+$(VENV)-oldest/.installed: pyproject.toml constraints.txt $(VENV)/.tools
+	rm -rf $(VENV)-oldest
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps \
+		--target $(VENV)-oldest 'gymnasium==1.2.0'
 	@touch $@
 
 clean:  ## Remove virtual environments, caches and results

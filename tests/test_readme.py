@@ -37,7 +37,7 @@ def test_python_block_runs_as_written(number, tmp_path):
     run([sys.executable, "-c", BLOCKS[number]], tmp_path)
 
 
-LONG = ("--suite town", "examples.my_predictor")
+LONG = ("--suite town", "examples.my_predictor", "--agent runs/bc", "--agent bc ")
 """What takes long in a line, and is tested elsewhere on less."""
 
 
@@ -94,6 +94,7 @@ PERCEPTION_SHORTER = {
 """What makes a line of ``bev-perception`` quick."""
 
 
+@pytest.mark.slow
 def test_perception_lines_run_one_after_the_other(tmp_path):
     (page,) = ROOT.glob("docs/predictors.md")
     collect, *lines = re.findall(r"```bash\n(.*?)```", page.read_text("utf-8"), re.DOTALL)[
