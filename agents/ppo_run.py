@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import io
-import json
 import shlex
 import time
 from collections.abc import Sequence
@@ -19,8 +18,9 @@ from stable_baselines3.common.callbacks import BaseCallback
 from tqdm import tqdm
 
 from bev_driving_env.command_line import UsageError
-from bev_driving_env.files import write_bytes, write_json
+from bev_driving_env.files import write_bytes
 from bev_driving_env.provenance import file_hash, provenance
+from bev_driving_env.training.folder import claim_folder, discard_training
 from bev_driving_env.vector_env import BEVTownVectorEnv
 
 from .checkpoint import load_weights, save_weights
@@ -31,7 +31,8 @@ from .registry import agent_source
 from .sb3_vec_env import SB3VecEnv
 from .split_drive import SplitDrive
 
-MODEL, WEIGHTS, RECIPE = "model.zip", "policy.safetensors", "ppo.json"
+MODEL, WEIGHTS = "model.zip", "policy.safetensors"
+OWN_FILES = (MODEL, WEIGHTS, CURVE_CSV, CURVE_PNG)
 VALIDATION = "val"
 
 
@@ -105,24 +106,22 @@ def _options(namespace: argparse.Namespace) -> PPOOptions:
 
 
 def _train(options: PPOOptions, argv: Sequence[str]) -> None:
-    _require_same_recipe(options)
-    config = options.config
+    config, start = options.config, _start(options.start)
     worlds = BEVTownVectorEnv(
         config.worlds, options.town, autoreset_mode="SameStep", **options.settings
     )
     envs = SB3VecEnv(worlds)
+    # nothing is written or discarded before all that can be wrong has been looked at
+    if options.overwrite:
+        discard_training(options.out, OWN_FILES)
+    claim_folder(options.out, options.recipe(), OWN_FILES)
     saved = options.out / MODEL
-    if saved.exists() and not options.overwrite:
+    if saved.exists():
         model = PPO.load(saved, env=envs, device="cpu")
         # or it would drive its first episodes again
         model.set_random_seed(config.seed + model.num_timesteps)
     else:
-        model = _new_model(options, envs)
-    # nothing is written or discarded before all that can be wrong has been looked at
-    if options.overwrite:
-        for name in (MODEL, WEIGHTS, CURVE_CSV, CURVE_PNG):
-            (options.out / name).unlink(missing_ok=True)
-    write_json(options.out / RECIPE, options.recipe())
+        model = _new_model(config, envs, start)
     left = config.steps - model.num_timesteps
     follower = Follower(options, argv, model.num_timesteps)
     if left > 0:
@@ -136,15 +135,16 @@ def _train(options: PPOOptions, argv: Sequence[str]) -> None:
     )
 
 
-def _new_model(options: PPOOptions, envs: SB3VecEnv) -> PPO:
+def _start(name: str | None) -> BetaPolicy | None:
+    """The policy to go on from; None for random weights."""
+    return None if name is None else load_weights(_source(name))
+
+
+def _new_model(config: PPOConfig, envs: SB3VecEnv, start: BetaPolicy | None) -> PPO:
     """A model with new weights, or with those to go on from."""
-    config = options.config
     # one peak, and only the speed: what it did before it may only learn to repeat
     keywords: dict[str, Any] = {"concentration_floor": 1.0, "measurements": (0,)}
-    weights = None
-    if options.start is not None:
-        start = load_weights(_source(options.start))
-        weights = start.actor().state_dict()
+    if start is not None:
         keywords = start.config.policy_kwargs
     model = PPO(
         BetaPolicy,
@@ -162,9 +162,9 @@ def _new_model(options: PPOOptions, envs: SB3VecEnv) -> PPO:
         seed=config.seed,
         device="cpu",
     )
-    if weights is not None:
+    if start is not None:
         assert isinstance(model.policy, BetaPolicy)
-        model.policy.actor().load_state_dict(weights)
+        model.policy.actor().load_state_dict(start.actor().state_dict())
     return model
 
 
@@ -176,20 +176,6 @@ def _source(start: str) -> Path:
             "(Stable-Baselines3's own zips go on with PPO.load)"
         )
     return path
-
-
-def _require_same_recipe(options: PPOOptions) -> None:
-    """Raise ValueError if the folder holds a run of something else."""
-    path, recipe = options.out / RECIPE, options.recipe()
-    if options.overwrite or not path.exists():
-        return
-    kept = json.loads(path.read_text(encoding="utf-8"))
-    for name, value in recipe.items():
-        if kept.get(name) != value:
-            raise ValueError(
-                f"{options.out} holds a run with {name} {kept.get(name)!r}, this one has "
-                f"{value!r}: choose another --out, or add --overwrite"
-            )
 
 
 def _merit(row: dict[str, float]) -> tuple[float, float]:

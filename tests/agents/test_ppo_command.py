@@ -73,7 +73,7 @@ def test_a_run_that_is_done_is_left_alone(scratch):
 
 def test_another_recipe_is_refused(scratch, capsys):
     assert run(scratch, "--steps", "64", "--gamma", "0.5") == 2
-    assert "holds a run with gamma 0.97, this one has 0.5" in capsys.readouterr().err
+    assert "holds a training with gamma 0.97, this one has 0.5" in capsys.readouterr().err
 
 
 def test_fine_tuning_starts_from_the_weights_and_lets_the_critic_learn_first(tmp_path):
