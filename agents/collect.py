@@ -61,6 +61,16 @@ class EpisodeJob:
         drawn = np.random.SeedSequence([self.collection_seed, self.route]).generate_state(2)
         return int(drawn[0]), int(drawn[1])
 
+    def recorder(self, world: World) -> EpisodeRecorder:
+        """A recorder of the episode, which must have been reset to its start."""
+        return EpisodeRecorder(
+            world,
+            collection=self.collection,
+            collection_seed=self.collection_seed,
+            route=self.route,
+            level=self.level,
+        )
+
 
 def perturbation_levels(collections: int) -> tuple[float, ...]:
     """Levels of so many collections, evenly from 0 (none) to 1.
@@ -131,13 +141,7 @@ def drive_episode(env: BEVTownEnv, job: EpisodeJob) -> EpisodeLog:
     reset_seed, perturbation_seed = job.seeds
     env.reset(seed=reset_seed, options={"route": job.route})
     expert, world = Expert(env), env.world
-    recorder = EpisodeRecorder(
-        world,
-        collection=job.collection,
-        collection_seed=job.collection_seed,
-        route=job.route,
-        level=job.level,
-    )
+    recorder = job.recorder(world)
     step_s = world.config.step_s
     until_s = float(world.state.time_limit[0]) * step_s
     perturbation = Perturbation(job.level, perturbation_seed, until_s)

@@ -16,7 +16,6 @@ from bev_driving_env.kernels.layout import DISTANCE, SPEED
 from bev_driving_env.logs.drive_log import EPISODES, VALIDATION_ROUTE
 from bev_driving_env.logs.episode import STEPS, EpisodeLog
 from bev_driving_env.logs.header import LogHeader
-from bev_driving_env.logs.recorder import EpisodeRecorder
 from bev_driving_env.towns.registry import route_book
 
 from .beta_agent import BetaAgent
@@ -78,13 +77,7 @@ def drive_labelled(env: BEVTownEnv, policy: BetaPolicy, job: EpisodeJob) -> Epis
     observation, _ = env.reset(seed=reset_seed, options={"route": job.route})
     agent, expert, world = BetaAgent(policy, env), Expert(env), env.world
     agent.reset(reset_seed)
-    recorder = EpisodeRecorder(
-        world,
-        collection=job.collection,
-        collection_seed=job.collection_seed,
-        route=job.route,
-        level=job.level,
-    )
+    recorder = job.recorder(world)
     step_s = world.config.step_s
     until_s = float(world.state.time_limit[0]) * step_s
     perturbation, rescue = Perturbation(job.level, perturbation_seed, until_s), Rescue(step_s)

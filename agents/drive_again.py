@@ -18,7 +18,6 @@ from bev_driving_env.logs.drive_log import DriveLog
 from bev_driving_env.logs.episode import EpisodeLog
 from bev_driving_env.logs.errors import LogError
 from bev_driving_env.logs.header import EpisodeHeader
-from bev_driving_env.logs.recorder import EpisodeRecorder
 
 from .collect import EpisodeJob
 
@@ -71,10 +70,13 @@ class Transitions:
 
 def reset_arguments(header: EpisodeHeader) -> dict[str, Any]:
     """What the environment's ``reset`` was called with: ``seed`` and ``options``."""
-    seed, _ = EpisodeJob(
-        header.collection, header.route, header.level, header.collection_seed
-    ).seeds
+    seed, _ = _job(header).seeds
     return {"seed": seed, "options": {"route": header.route}}
+
+
+def _job(header: EpisodeHeader) -> EpisodeJob:
+    """What the drive was collected for."""
+    return EpisodeJob(header.collection, header.route, header.level, header.collection_seed)
 
 
 def drive_again(
@@ -98,13 +100,7 @@ def drive_again(
     recorded = log.replay(number).log
     header, total = recorded.header, len(recorded)
     observation, _ = world_env.reset(**reset_arguments(header))
-    recorder = EpisodeRecorder(
-        world_env.world,
-        collection=header.collection,
-        collection_seed=header.collection_seed,
-        route=header.route,
-        level=header.level,
-    )
+    recorder = _job(header).recorder(world_env.world)
     for begin in range(0, total, max_steps or total):
         steps = range(begin, min(begin + (max_steps or total), total))
         part = Transitions.empty(world_env.observation_space, recorded, steps)

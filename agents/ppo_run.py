@@ -123,12 +123,13 @@ def _train(options: PPOOptions, argv: Sequence[str]) -> None:
     else:
         model = _new_model(config, envs, start)
     left = config.steps - model.num_timesteps
-    follower = Follower(options, argv, model.num_timesteps)
+    rows = read_curve(options.out / CURVE_CSV)
     if left > 0:
+        follower = Follower(options, argv, rows, model.num_timesteps)
         with follower.bar:
             model.learn(left, callback=follower, reset_num_timesteps=False)
             follower.finish()
-    best = max(follower.rows, key=_merit)
+    best = max(rows, key=_merit)
     print(
         f"{options.out / WEIGHTS}: after {best['steps']:,.0f} steps {best['val_clean']:.0%} of the "
         f"validation routes clean, {best['val_route_share']:.0%} driven; {options.out / CURVE_PNG}"
@@ -183,15 +184,28 @@ def _merit(row: dict[str, float]) -> tuple[float, float]:
 
 
 class Follower(BaseCallback):
-    """Validates, moves the bar, and keeps model, weights and curve after each validation."""
+    """Validates, moves the bar, and keeps model, weights and curve after each validation.
 
-    def __init__(self, options: PPOOptions, argv: Sequence[str], first: int) -> None:
+    Args:
+        options: Of the run.
+        argv: Arguments of the command.
+        rows: Of the learning curve; new ones are added.
+        first: Steps done before.
+    """
+
+    def __init__(
+        self,
+        options: PPOOptions,
+        argv: Sequence[str],
+        rows: list[dict[str, float]],
+        first: int,
+    ) -> None:
         super().__init__()
         self._options, self._argv = options, argv
         self._drive = SplitDrive(
             options.town, VALIDATION, options.config.validation_routes, **options.settings
         )
-        self.rows = read_curve(options.out / CURVE_CSV)
+        self.rows = rows
         self._minutes = self.rows[-1]["minutes"] if self.rows else 0.0
         self._since = time.monotonic()
         self._ended: list[dict[str, Any]] = []

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from bev_driving_env.frames import CHANNELS
+from bev_driving_env.training.command import add_run_options
 
-from .training_config import PRECISIONS, TrainingConfig
+from .training_config import TrainingConfig
 from .weighting import WEIGHTINGS
 
 DEFAULTS = TrainingConfig()
@@ -64,12 +65,8 @@ def add_parser(verbs: Any) -> None:
         default="kde",
         help="'kde' makes rare actions (starting off, corners) count more; default: kde",
     )
-    add("--precision", choices=PRECISIONS, default="fp32", help="default: fp32")
-    add("--device", default="cpu", help="torch device; default: cpu")
-    add("--threads", type=int, metavar="N", help="of torch; default: torch's own")
-    add("--checkpoint-minutes", type=float, default=2.0, metavar="X", help="default: 2")
-    add("--tensorboard", action="store_true", help="also write TensorBoard events to OUT")
-    add("--overwrite", action="store_true", help="discard what the folder already holds")
+    add("--precision", choices=DEFAULTS.precisions, default="fp32", help="default: fp32")
+    add_run_options(parser)
     parser.set_defaults(
         command=run, interrupted="; policy and checkpoint are kept, the same command resumes"
     )

@@ -9,17 +9,15 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-import torch
-
-from bev_driving_env.checks import require_count
 from bev_driving_env.command_line import UsageError
 from bev_driving_env.frames import CHANNELS
 from bev_driving_env.logs.header import LogHeader
 from bev_driving_env.logs.order import open_logs
+from bev_driving_env.training.command import run_in_processes
 from bev_driving_env.training.device import usable_device
 from bev_driving_env.training.folder import claim_folder, discard_training, holds_training
 from bev_driving_env.training.interrupts import noted_interrupts
-from bev_driving_env.training.processes import any_process, distributed, first_process_does
+from bev_driving_env.training.processes import any_process, first_process_does
 from bev_driving_env.training.progress import events_writer
 
 from .batches import SampleSet
@@ -51,11 +49,7 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
     """
     try:
         options = _options(namespace)
-        if namespace.threads is not None:
-            require_count("--threads", namespace.threads)
-            torch.set_num_threads(namespace.threads)
-        with distributed() as (rank, _):
-            _train(options, argv, chief=rank == 0)
+        run_in_processes(namespace.threads, lambda chief: _train(options, argv, chief=chief))
     except (ValueError, ImportError) as error:
         raise UsageError(str(error)) from error
     return 0
@@ -131,7 +125,7 @@ def _phase(
     last = options.training.steps
     kept = time.monotonic()
     for measured in trainer.train(samples, end):
-        report.step(measured)
+        report.advance(measured.loss)
         if trainer.step % options.training.validate_every == 0 or trainer.step == last:
             report.validated(measured, trainer.validate(validation))
         if any_process(interrupted.is_set()):

@@ -72,7 +72,7 @@ class TrainOptions:
         return [self.training.steps * (phase + 1) // phases for phase in range(phases)]
 
 
-class Report:
+class Report(Progress):
     """Progress, metrics and files of a training; silent in all processes but the first."""
 
     def __init__(
@@ -80,17 +80,7 @@ class Report:
     ) -> None:
         self._options, self._argv, self._trainer, self._chief = options, argv, trainer, chief
         events = options.out if options.tensorboard else None
-        self._progress = Progress(options.training.steps, trainer.step, chief, events)
-
-    def __enter__(self) -> Report:
-        return self
-
-    def __exit__(self, *details: object) -> None:
-        self._progress.__exit__(*details)
-
-    def step(self, measured: Measured) -> None:
-        """Move the bar."""
-        self._progress.advance(measured.loss)
+        super().__init__(options.training.steps, trainer.step, chief, events)
 
     def validated(self, measured: Measured, value: float) -> None:
         """Add a row."""
@@ -99,13 +89,13 @@ class Report:
             "step": float(trainer.step),
             "samples": float(trainer.step * self._options.training.batch_size),
             "minutes": trainer.trained_s / 60.0,
-            "train_nll": float(self._progress.smoothed or 0.0),
+            "train_nll": float(self.smoothed or 0.0),
             "validation_nll": value,
             "learning_rate": measured.learning_rate,
             "gradient_norm": measured.gradient_norm,
         }
         trainer.rows.append(row)
-        self._progress.validated(row, ("train_nll", "validation_nll"))
+        self.note(row, ("train_nll", "validation_nll"))
 
     def keep(self) -> None:
         """Write checkpoint, metrics and the best policy."""

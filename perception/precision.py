@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import torch
 
-from .training_config import PRECISIONS
+from .training_config import TrainingConfig
 
 
 def resolved_precision(precision: str, device: torch.device | None = None) -> str:
     """``"fp32"`` or ``"bf16"``: the one asked for, or with ``"auto"`` the faster one.
 
     Args:
-        precision: One of ``PRECISIONS``.
+        precision: One of ``TrainingConfig.precisions``.
         device: Where the network computes; the CPU if None.
 
     Raises:
@@ -20,8 +20,9 @@ def resolved_precision(precision: str, device: torch.device | None = None) -> st
     >>> resolved_precision("fp32")
     'fp32'
     """
-    if precision not in PRECISIONS:
-        raise ValueError(f"precision must be one of {', '.join(PRECISIONS)}, got {precision!r}")
+    known = TrainingConfig.precisions
+    if precision not in known:
+        raise ValueError(f"precision must be one of {', '.join(known)}, got {precision!r}")
     if precision == "auto":
         return "bf16" if bf16_pays_off(device) else "fp32"
     return precision

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from bev_driving_env.frames import CHANNELS
+from bev_driving_env.training.command import add_run_options
 
-from .training_config import LOOKS, LOSSES, PRECISIONS, WEIGHTINGS, TrainingConfig
+from .training_config import LOOKS, LOSSES, WEIGHTINGS, TrainingConfig
 
 DEFAULTS = TrainingConfig()
 NUMBERS = (
@@ -35,7 +36,7 @@ CHOICES = (
     ),
     ("loss", LOSSES, "of each channel"),
     ("looks", LOOKS, "'random' paints and lights every sample anew"),
-    ("precision", PRECISIONS, "'auto' is bf16 where that is faster"),
+    ("precision", TrainingConfig.precisions, "'auto' is bf16 where that is faster"),
 )
 """Options that go into ``TrainingConfig`` as they are."""
 
@@ -70,11 +71,7 @@ def add_parser(verbs: Any) -> None:
         add(f"--{name}", choices=known, default=value, help=f"{text}; default: {value}")
     add("--no-flips", action="store_true", help="do not mirror half of the samples")
     add("--workers", type=int, default=1, metavar="N", help="processes that render; default: 1")
-    add("--threads", type=int, metavar="N", help="of torch; default: torch's own")
-    add("--device", default="cpu", help="torch device; default: cpu")
-    add("--checkpoint-minutes", type=float, default=2.0, metavar="X", help="default: 2")
-    add("--tensorboard", action="store_true", help="also write TensorBoard events to OUT")
-    add("--overwrite", action="store_true", help="discard what the folder already holds")
+    add_run_options(parser)
     parser.set_defaults(
         command=run, interrupted="; predictor and checkpoint are kept, the same command resumes"
     )

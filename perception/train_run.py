@@ -7,16 +7,14 @@ import threading
 import time
 from collections.abc import Mapping, Sequence
 
-import torch
-
 from bev_driving_env.cameras.rig import CameraRig
-from bev_driving_env.checks import require_count
 from bev_driving_env.command_line import UsageError
 from bev_driving_env.logs.order import open_logs
+from bev_driving_env.training.command import run_in_processes
 from bev_driving_env.training.device import usable_device
 from bev_driving_env.training.folder import claim_folder, discard_training
 from bev_driving_env.training.interrupts import noted_interrupts
-from bev_driving_env.training.processes import any_process, distributed, first_process_does
+from bev_driving_env.training.processes import any_process, first_process_does
 from bev_driving_env.training.progress import events_writer
 
 from .models.presets import model_spec
@@ -38,11 +36,7 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
     """
     try:
         options = _options(namespace)
-        if namespace.threads is not None:
-            require_count("--threads", namespace.threads)
-            torch.set_num_threads(namespace.threads)
-        with distributed() as (rank, _):
-            _train(options, argv, chief=rank == 0)
+        run_in_processes(namespace.threads, lambda chief: _train(options, argv, chief=chief))
     except (ValueError, ImportError) as error:
         raise UsageError(_told(error)) from error
     return 0
@@ -100,7 +94,7 @@ def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
         kept = time.monotonic()
         steps = () if done else trainer.train(samples, weights, workers=options.workers)
         for measured in steps:
-            report.step(measured)
+            report.advance(measured.loss)
             if trainer.step % config.validate_every == 0 or trainer.step == config.steps:
                 report.validated(measured, trainer.validate(validation))
             _stop_if(interrupted, report)

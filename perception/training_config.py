@@ -2,35 +2,25 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import ClassVar
 
-from bev_driving_env.checks import is_number, require_count, require_positive
+from bev_driving_env.checks import is_number, require_positive
+from bev_driving_env.training.settings import PRECISIONS, TrainingSettings
 
 from .kde import BANDWIDTH, FINEST
 
 LOSSES = ("bce", "bce_dice")
 LOOKS = ("log", "random")
-PRECISIONS = ("auto", "fp32", "bf16")
 WEIGHTINGS = ("none", "kde", "actors", "kde+actors")
 
 
 @dataclass(frozen=True)
-class TrainingConfig:
-    """How to train; sized for an hour or two on a laptop's processor.
+class TrainingConfig(TrainingSettings):
+    """How to train a predictor; sized for an hour or two on a laptop's processor.
 
-    Attributes:
-        steps: Batches in all; the learning rate's cycle spans them.
-        batch_size: Samples in a batch, over all processes.
-        learning_rate: At its peak.
-        weight_decay: AdamW's.
-        clip_norm: Longest gradient; longer ones are shortened to it.
-        seed: Decides first weights, order of the samples, their looks and flips.
-        precision: ``"fp32"``, ``"bf16"`` for autocast to bfloat16, or ``"auto"``: bf16 where it is
-            faster.
-        validate_every: Steps between validations.
-        validation_samples: How many samples they look at, spread evenly over the split.
-        patience: Validations without a new best after which training stops.
+    Attributes beside those of every training:
+        precision: Beside ``"fp32"`` and ``"bf16"``, ``"auto"``: bf16 where it is faster.
         loss: ``"bce"`` as in the paper, or ``"bce_dice"``.
         weighting: ``"none"``; ``"kde"``, by the density of the expert's actions as in the paper;
             ``"actors"``, in the actors' channels by how many of them there are; or
@@ -45,12 +35,11 @@ class TrainingConfig:
         ValueError: A value is out of range; the message shows it.
     """
 
+    precisions: ClassVar[tuple[str, ...]] = ("auto", *PRECISIONS)
+
     steps: int = 10_000
     batch_size: int = 8
     learning_rate: float = 1.5e-3
-    weight_decay: float = 1e-4
-    clip_norm: float = 1.0
-    seed: int = 0
     precision: str = "auto"
     validate_every: int = 500
     validation_samples: int = 256
@@ -64,20 +53,9 @@ class TrainingConfig:
     flips: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("steps", "batch_size", "validate_every", "validation_samples", "patience"):
-            require_count(name, getattr(self, name))
-        for name in ("learning_rate", "clip_norm", "bandwidth"):
-            require_positive(name, getattr(self, name))
-        if not (0.0 <= self.weight_decay < math.inf):
-            raise ValueError(f"weight_decay must be at least 0, got {self.weight_decay!r}")
-        if self.seed < 0:
-            raise ValueError(f"seed must be at least 0, got {self.seed!r}")
-        choices = {
-            "precision": PRECISIONS,
-            "loss": LOSSES,
-            "weighting": WEIGHTINGS,
-            "looks": LOOKS,
-        }
+        super().__post_init__()
+        require_positive("bandwidth", self.bandwidth)
+        choices = {"loss": LOSSES, "weighting": WEIGHTINGS, "looks": LOOKS}
         for name, known in choices.items():
             if getattr(self, name) not in known:
                 raise ValueError(

@@ -63,7 +63,7 @@ class TrainOptions:
             raise ValueError(f"--checkpoint-minutes must be positive, got {self.checkpoint_s / 60}")
 
 
-class Report:
+class Report(Progress):
     """Progress, metrics and files of a training; silent in all processes but the first.
 
     Args:
@@ -89,17 +89,7 @@ class Report:
         self._channels = trainer.spec.config.channels
         self._before = (0.0, 0.0)
         events = options.out if options.tensorboard else None
-        self._progress = Progress(options.training.steps, trainer.step, chief, events)
-
-    def __enter__(self) -> Report:
-        return self
-
-    def __exit__(self, *details: object) -> None:
-        self._progress.__exit__(*details)
-
-    def step(self, measured: Measured) -> None:
-        """Move the bar."""
-        self._progress.advance(measured.loss)
+        super().__init__(options.training.steps, trainer.step, chief, events)
 
     def validated(self, measured: Measured, found: Validation) -> None:
         """Add a row."""
@@ -109,7 +99,7 @@ class Report:
             "step": float(trainer.step),
             "samples": float(trainer.step * self._options.training.batch_size),
             "minutes": trainer.trained_s / 60.0,
-            "train_loss": float(self._progress.smoothed or 0.0),
+            "train_loss": float(self.smoothed or 0.0),
             "validation_loss": found.loss,
             **self._named("loss", found.channel_losses),
             **self._named("iou", found.iou()),
@@ -121,7 +111,7 @@ class Report:
         }
         trainer.rows.append(row)
         shown = ("train_loss", "validation_loss", *self._names("iou"))
-        self._progress.validated(row, shown)
+        self.note(row, shown)
 
     def _names(self, kind: str) -> list[str]:
         return [f"{kind}_{name}" for name in self._channels]

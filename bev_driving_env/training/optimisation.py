@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -22,44 +22,15 @@ from torch.nn.parallel import DistributedDataParallel
 from ..files import write_bytes
 from .processes import process_rank
 from .schedule import one_cycle
+from .settings import TrainingSettings
 
 FORMAT, VERSION = "bevtown-training", 1
-PRECISIONS = ("fp32", "bf16")
 
 Weights = dict[str, Tensor]
 
 
 class TrainingError(ValueError):
     """Training cannot start or go on; the message says why, and the cure."""
-
-
-class OptimisationSettings(Protocol):
-    """Numbers of an optimisation.
-
-    Attributes:
-        steps: Batches in all; the learning rate's cycle spans them.
-        batch_size: Samples in a batch, over all processes.
-        learning_rate: At its peak.
-        weight_decay: AdamW's.
-        clip_norm: Longest gradient; longer ones are shortened to it.
-        precision: One of ``PRECISIONS``.
-        patience: Values judged without a new best after which training stops.
-    """
-
-    @property
-    def steps(self) -> int: ...  # noqa: D102
-    @property
-    def batch_size(self) -> int: ...  # noqa: D102
-    @property
-    def learning_rate(self) -> float: ...  # noqa: D102
-    @property
-    def weight_decay(self) -> float: ...  # noqa: D102
-    @property
-    def clip_norm(self) -> float: ...  # noqa: D102
-    @property
-    def precision(self) -> str: ...  # noqa: D102
-    @property
-    def patience(self) -> int: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -102,7 +73,7 @@ class Optimisation:
     def __init__(
         self,
         module: nn.Module,
-        settings: OptimisationSettings,
+        settings: TrainingSettings,
         identity: Mapping[str, Any],
         device: torch.device,
     ) -> None:

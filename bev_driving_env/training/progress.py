@@ -47,7 +47,7 @@ class Progress:
         self.smoothed = SMOOTHING * before + (1.0 - SMOOTHING) * loss
         self._bar.update()
 
-    def validated(self, row: Mapping[str, float], shown: Sequence[str]) -> None:
+    def note(self, row: Mapping[str, float], shown: Sequence[str]) -> None:
         """Note a row of numbers, ``step`` among them.
 
         Args:

@@ -7,7 +7,6 @@ from agents.collect import drive_episode, jobs_of, log_settings
 from bev_driving_env.env import BEVTownEnv
 from bev_driving_env.logs.drive_log import EPISODES
 from bev_driving_env.logs.header import LogHeader
-from bev_driving_env.logs.recorder import EpisodeRecorder
 from bev_driving_env.settings import EnvSettings
 
 TOWN = "Town02"
@@ -33,13 +32,7 @@ def give_up(env, job):
     """Drive some steps, swerving, and leave it at that."""
     env.reset(seed=job.seeds[0], options={"route": job.route})
     expert = Expert(env)
-    recorder = EpisodeRecorder(
-        env.world,
-        collection=job.collection,
-        collection_seed=job.collection_seed,
-        route=job.route,
-        level=job.level,
-    )
+    recorder = job.recorder(env.world)
     for step in range(GIVEN_UP_AFTER):
         clean = expert.act()
         applied = np.clip(clean + np.float32(0.3 * (step % 5 == 0)), -1.0, 1.0).astype(np.float32)

@@ -9,9 +9,8 @@ from bev_driving_env.logs.drive_log import DriveLog
 from bev_driving_env.sources.corrupted import CorruptedBEV
 from bev_driving_env.sources.ipm import IPM
 from bev_driving_env.sources.protocol import BEVSourceError, PrivilegedSource
-from perception.evaluation import BANDS, Evaluation, evaluate, worker_pool
+from perception.evaluation import BANDS, evaluate, worker_pool
 from perception.evaluation_frames import FrameKey, View
-from perception.iou_counts import IoUCounts
 from perception.metrics import channel_iou
 from perception.models.bev_unet import BEVUNetConfig
 from perception.models.presets import ModelSpec
@@ -200,18 +199,7 @@ def test_progress_is_told(logs):
     assert told == [8, 2]
 
 
-def with_route_iou(percent, turn):
-    """Of frames that have a route of 100 pixels, so many of them found; -1: no route at all."""
-    hits = np.array(percent, np.int32).reshape(-1, 1, 1, 1)
-    actual = np.where(hits[..., 0] < 0, 0, 100).astype(np.int32)
-    hits = np.maximum(hits, 0)
-    counts = IoUCounts(np.array([[0.5]]), hits, hits, actual)
-    places = Places(np.array(turn), np.array(turn))
-    keys = tuple(FrameKey(0, k, 0) for k in range(len(percent)))
-    return Evaluation("toy", ("route",), counts, places, keys, keys, View())
-
-
-def test_turns_are_told_by_pooled_iou_quantiles_and_shares():
+def test_turns_are_told_by_pooled_iou_quantiles_and_shares(with_route_iou):
     percent = [0, 10, 30, 50, 60, 69, 70, 80, 90, 100, 5, 5, -1]
     found = with_route_iou(percent, [True] * 10 + [False] * 2 + [True])
     turns = found.turns()
@@ -221,7 +209,7 @@ def test_turns_are_told_by_pooled_iou_quantiles_and_shares():
     assert (turns.under_50, turns.under_70) == (pytest.approx(0.3), pytest.approx(0.6))
 
 
-def test_without_turns_or_without_a_route_nothing_is_told(logs):
+def test_without_turns_or_without_a_route_nothing_is_told(logs, with_route_iou):
     nothing = with_route_iou([10, 20], [False, False]).turns()
     assert nothing.frames == 0
     assert np.isnan(nothing[1:]).all()

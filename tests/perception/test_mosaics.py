@@ -6,39 +6,25 @@ import pytest
 
 from bev_driving_env.logs.drive_log import DriveLog
 from bev_driving_env.sources.registry import make_bev_source
-from perception.evaluation import Evaluation, evaluate
-from perception.evaluation_frames import FrameKey, View
-from perception.iou_counts import IoUCounts
+from perception.evaluation import evaluate
 from perception.mosaics import DARK, INVENTED, MISSED, TILE_PX, difference, mosaic_of, picks, png
-from perception.places import Places
 
 
-def evaluation(percent, critical):
-    """Frames have a route of 100 pixels, so many of them found."""
-    hits = np.array(percent, np.int32).reshape(-1, 1, 1, 1)
-    actual = np.where(hits[..., 0] < 0, 0, 100).astype(np.int32)
-    hits = np.maximum(hits, 0)
-    counts = IoUCounts(np.array([[0.5]]), hits, hits, actual)
-    places = Places(np.array(critical), np.array(critical))
-    keys = tuple(FrameKey(0, k, 0) for k in range(len(percent)))
-    return Evaluation("toy", ("route",), counts, places, keys, keys, View())
-
-
-def test_the_worst_and_the_middle_of_the_critical_frames_are_picked():
+def test_the_worst_and_the_middle_of_the_critical_frames_are_picked(with_route_iou):
     percent = [90, 10, 50, -1, 70, 30, 20, 1, 60]  # -1: no route anywhere
-    found = picks(evaluation(percent, [True] * 7 + [False, True]), 2)
+    found = picks(with_route_iou(percent, [True] * 7 + [False, True]), 2)
     assert [pick.name for pick in found] == ["worst_1", "worst_2", "median_1", "median_2"]
     # critical ones in order: 10, 20, 30, 50, 60, 70, 90
     assert [pick.number for pick in found[:2]] == [1, 6]
     assert [pick.route_iou for pick in found[2:]] == [pytest.approx(0.3), pytest.approx(0.5)]
-    (_, middle) = picks(evaluation(percent, [True] * 7 + [False, True]), 1)
+    (_, middle) = picks(with_route_iou(percent, [True] * 7 + [False, True]), 1)
     assert middle.route_iou == pytest.approx(0.5)
 
 
-def test_there_may_be_fewer_critical_frames_than_asked_for():
-    assert len(picks(evaluation([50, 60], [True, False]), 3)) == 2
-    assert picks(evaluation([50, 60], [False, False]), 3) == []
-    assert picks(evaluation([50, 60], [True, True]), 0) == []
+def test_there_may_be_fewer_critical_frames_than_asked_for(with_route_iou):
+    assert len(picks(with_route_iou([50, 60], [True, False]), 3)) == 2
+    assert picks(with_route_iou([50, 60], [False, False]), 3) == []
+    assert picks(with_route_iou([50, 60], [True, True]), 0) == []
 
 
 def test_a_difference_shows_what_is_missed_and_what_is_invented():

@@ -121,8 +121,8 @@ def interrupted_after(step, monkeypatch):
     """Ctrl-C while this step is reported."""
 
     class Interrupting(Report):
-        def step(self, measured):
-            super().step(measured)
+        def advance(self, loss):
+            super().advance(loss)
             if self._trainer.step == step:
                 signal.raise_signal(signal.SIGINT)
 

@@ -7,7 +7,6 @@ from agents.collect import EpisodeJob, log_settings
 from bev_driving_env.env import BEVTownEnv
 from bev_driving_env.logs.drive_log import EPISODES
 from bev_driving_env.logs.header import LogHeader
-from bev_driving_env.logs.recorder import EpisodeRecorder
 from bev_driving_env.settings import EnvSettings
 
 TOWN = "Town02"
@@ -18,13 +17,7 @@ def drive(env, job, steps, look):
     """Drive some steps of an episode, swerving, and take it down; look at some of them."""
     env.reset(seed=job.seeds[0], options={"route": job.route})
     expert = Expert(env)
-    recorder = EpisodeRecorder(
-        env.world,
-        collection=job.collection,
-        collection_seed=job.collection_seed,
-        route=job.route,
-        level=job.level,
-    )
+    recorder = job.recorder(env.world)
     for step in range(steps):
         clean = expert.act()
         applied = np.clip(clean + np.float32(0.2 * (step % 5 == 0)), -1.0, 1.0).astype(np.float32)
