@@ -18,6 +18,8 @@ Arrays = dict[str, NDArray[Any]]
 """Inputs of one sample, without a batch axis."""
 NEEDS = ("images", "intrinsics", "extrinsics", "route_map", "ground")
 """All that a network can ask for."""
+RIG = frozenset({"intrinsics", "extrinsics"})
+"""What is the same in all samples of a rig."""
 LOOKING = frozenset({"images", "ground"})
 """What the cameras must be rendered for."""
 SURROUND_ORDER = (0, 2, 1, 3)
@@ -155,9 +157,23 @@ def _mirrored_intrinsics(intrinsics: NDArray[np.floating], width: int) -> NDArra
 
 
 def collated(samples: Iterable[Mapping[str, NDArray[Any]]]) -> dict[str, Tensor]:
-    """Inputs of samples as batched tensors (B, ...) that share no memory with them."""
+    """Inputs of samples as batched tensors (B, ...) that share no memory with them.
+
+    Intrinsics and extrinsics become (1, ...) where all samples have the same, so that networks
+    work out only once where cells and pixels lie.
+    """
     first, *others = samples
     return {
-        name: torch.from_numpy(np.stack([values, *(other[name] for other in others)]))
+        name: torch.from_numpy(np.stack([values, *_more(name, values, others)]))
         for name, values in first.items()
     }
+
+
+def _more(
+    name: str, first: NDArray[Any], others: Sequence[Mapping[str, NDArray[Any]]]
+) -> list[NDArray[Any]]:
+    """The other samples' values of an input, none if they may be left out."""
+    values = [other[name] for other in others]
+    if name in RIG and all(np.array_equal(first, other) for other in values):
+        return []
+    return values

@@ -8,25 +8,25 @@ from torch import Tensor, nn
 
 from .small_trunk import ResidualBlock, conv3x3, downsampling
 
-SKIP_WIDTHS = (32, 64)
-"""Channels of BEV features at a half and a quarter of the BEV's side."""
-
-
 class BEVEncoder(nn.Module):
     """Features of inputs that lie in the BEV frame: route map, projected images.
 
     Args:
         inputs: Channels of the input.
         dim: Channels of the coarsest feature.
+        widths: Channels of the features at a half and a quarter of the input's side.
+        blocks: Residual blocks at a quarter.
     """
 
-    def __init__(self, inputs: int, dim: int) -> None:
+    def __init__(self, inputs: int, dim: int, widths: tuple[int, int], blocks: int) -> None:
         super().__init__()
-        half, quarter = SKIP_WIDTHS
+        half, quarter = widths
         self.at_half = nn.Sequential(
             nn.PixelUnshuffle(2), conv3x3(4 * inputs, half), nn.ReLU(inplace=True)
         )
-        self.at_quarter = nn.Sequential(downsampling(half, quarter), ResidualBlock(quarter))
+        self.at_quarter = nn.Sequential(
+            downsampling(half, quarter), *(ResidualBlock(quarter) for _ in range(blocks))
+        )
         self.at_eighth = downsampling(quarter, dim)
 
     def forward(self, rasters: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -42,15 +42,16 @@ class ResidualDecoder(nn.Module):
     Args:
         dim: Channels of the state.
         outputs: Channels of the logits.
-        bev_skips: Whether BEV features are added at a quarter and a half of the output's side.
+        bev_widths: Channels of the BEV features that are added at a half and a quarter of the
+            output's side; None if there are none.
     """
 
     WIDTHS = (128, 128, 64)
 
-    def __init__(self, dim: int, outputs: int, *, bev_skips: bool) -> None:
+    def __init__(self, dim: int, outputs: int, bev_widths: tuple[int, int] | None = None) -> None:
         super().__init__()
         before = (dim, *self.WIDTHS)
-        skips = (*reversed(SKIP_WIDTHS), 0) if bev_skips else (0, 0, 0)
+        skips = (*reversed(bev_widths or (0, 0)), 0)
         self.layers = nn.ModuleList(
             ResidualDecoderBlock(before[number], width, dim, skips[number])
             for number, width in enumerate(self.WIDTHS)
@@ -113,11 +114,12 @@ class LightDecoder(nn.Module):
     Args:
         dim: Channels of the state.
         outputs: Channels of the logits.
+        widths: Channels at a half and a quarter of the output's side.
     """
 
-    def __init__(self, dim: int, outputs: int) -> None:
+    def __init__(self, dim: int, outputs: int, widths: tuple[int, int]) -> None:
         super().__init__()
-        half, quarter = SKIP_WIDTHS
+        half, quarter = widths
         self.context = nn.Sequential(nn.AvgPool2d(2), ResidualBlock(dim), nn.Upsample(None, 2))
         self.up_quarter = nn.Sequential(nn.Conv2d(dim, 4 * quarter, 1), nn.PixelShuffle(2))
         self.at_quarter = ResidualBlock(quarter)

@@ -103,8 +103,8 @@ class CrossView(nn.Module):
         Args:
             state: (B, C, S, S).
             feature: (B * N, F, h, w).
-            intrinsics: (B, N, 3, 3).
-            ego_from_camera: (B, N, 4, 4).
+            intrinsics: (B, N, 3, 3), or (1, ...) if all samples share them.
+            ego_from_camera: (B, N, 4, 4), or (1, ...).
 
         Returns:
             (B, C, S, S).

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor, nn
 
+from ..inputs import RIG
 from .bev_decoder import BEVEncoder, LightDecoder, ResidualDecoder
 from .cross_view import Bottleneck, CrossView
 from .cvt_config import PAPER, CVTConfig
@@ -83,20 +84,23 @@ class CrossViewTransformer(nn.Module):
             for _ in config.scales
         )
         inputs, outputs = config.bev_inputs, len(config.channels)
-        self.bev_encoder = BEVEncoder(inputs, config.dim) if inputs else None
+        widths = config.bev_widths
+        self.bev_encoder = (
+            BEVEncoder(inputs, config.dim, widths, config.bev_blocks) if inputs else None
+        )
         self.decoder: ResidualDecoder | LightDecoder
         if config.decoder == "light":
-            self.decoder = LightDecoder(config.dim, outputs)
+            self.decoder = LightDecoder(config.dim, outputs, widths)
         else:
-            self.decoder = ResidualDecoder(config.dim, outputs, bev_skips=inputs > 0)
+            self.decoder = ResidualDecoder(config.dim, outputs, widths if inputs else None)
 
     def forward(self, inputs: Inputs) -> Tensor:
         """Logits of a batch.
 
         Args:
             inputs: ``images`` (B, N, H, W, 3) uint8, ``intrinsics`` (B, N, 3, 3), ``extrinsics``
-                (B, N, 4, 4) as camera_from_ego; where configured, ``route_map`` (B, S, S) uint8
-                and ``ground`` (B, S, S, 3) uint8.
+                (B, N, 4, 4) as camera_from_ego, or (1, ...) for a rig that all samples share;
+                where configured, ``route_map`` (B, S, S) uint8 and ``ground`` (B, S, S, 3) uint8.
 
         Returns:
             (B, channels, S, S).
@@ -165,7 +169,8 @@ class CrossViewTransformer(nn.Module):
         }
         for name in sorted(self.needs):
             shape = tuple(inputs[name].shape)
-            if shape != expected[name]:
+            shared = name in RIG and shape[:1] == (1,)
+            if shape[shared:] != expected[name][shared:]:
                 raise ValueError(
                     f"{name} is {shape}, this model takes {expected[name]}: images of "
                     f"{self.config.image_size[0]} x {self.config.image_size[1]} pixels and a BEV "

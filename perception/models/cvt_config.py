@@ -46,6 +46,9 @@ class CVTConfig:
         ground_skip: Whether images projected to the ground join in the BEV frame, as the route
             map does with ``"bev"``. A network with this sees more than a pure CVT.
         decoder: ``"residual"`` as published, or ``"light"``.
+        bev_widths: Channels of features at a half and a quarter of the BEV's side: of the inputs
+            in the BEV frame, and in the light decoder.
+        bev_blocks: Residual blocks that the inputs in the BEV frame pass at a quarter.
         dim: Channels of the BEV state.
         heads: Heads of the attention, of ``dim / heads`` channels each.
         bottlenecks: ResNet bottlenecks after each cross-view attention.
@@ -66,12 +69,15 @@ class CVTConfig:
     route_map: str = "camera"
     ground_skip: bool = False
     decoder: str = "residual"
+    bev_widths: tuple[int, int] = (32, 64)
+    bev_blocks: int = 1
     dim: int = 128
     heads: int = 4
     bottlenecks: int = 2
 
     def __post_init__(self) -> None:
-        for name in ("image_size", "channels", "trunk_widths", "trunk_blocks", "scales"):
+        tuples = ("image_size", "channels", "trunk_widths", "trunk_blocks", "scales", "bev_widths")
+        for name in tuples:
             object.__setattr__(self, name, tuple(getattr(self, name)))
         for name, known in _CHOICES.items():
             if getattr(self, name) not in known:
@@ -86,7 +92,7 @@ class CVTConfig:
         self._check_sides()
 
     def _check_numbers(self) -> None:
-        least = {"dim": 4, "heads": 1, "bottlenecks": 0}
+        least = {"dim": 4, "heads": 1, "bottlenecks": 0, "bev_blocks": 0}
         for name, low in least.items():
             if not (is_int(getattr(self, name)) and getattr(self, name) >= low):
                 raise ValueError(f"{name} must be an int >= {low}, got {getattr(self, name)!r}")
@@ -104,8 +110,12 @@ class CVTConfig:
                 f"trunk_blocks {self.trunk_blocks} must be as many as trunk_widths "
                 f"{self.trunk_widths}"
             )
-        if not all(is_int(width) and width > 0 for width in self.trunk_widths):
-            raise ValueError(f"trunk_widths must be positive ints, got {self.trunk_widths}")
+        if len(self.bev_widths) != 2:
+            raise ValueError(f"bev_widths must be two, got {self.bev_widths}")
+        for name in ("trunk_widths", "bev_widths"):
+            widths = getattr(self, name)
+            if not all(is_int(width) and width > 0 for width in widths):
+                raise ValueError(f"{name} must be positive ints, got {widths}")
         if not all(is_int(count) and count >= 0 for count in self.trunk_blocks):
             raise ValueError(f"trunk_blocks must be ints from 0 on, got {self.trunk_blocks}")
 
@@ -158,10 +168,14 @@ PAPER = CVTConfig()
 FAST = CVTConfig(
     image_size=(112, 240),
     trunk="small",
-    scales=(16, 8),
+    trunk_widths=(16, 32, 64),
+    trunk_blocks=(0, 1, 2),
+    scales=(8,),
     positions="fourier",
     grids="centres",
     route_map="bev",
     decoder="light",
+    bev_widths=(24, 48),
+    bev_blocks=0,
 )
 """What the measurements support for a CPU, and still a cross-view transformer."""

@@ -137,3 +137,14 @@ def test_samples_are_collated_in_their_order_and_copied():
     frames[1].route_map[:] = 0
     assert batch["route_map"][1].any()
     np.testing.assert_array_equal(batch["route_map"][2].numpy(), frames[2].route_map)
+
+
+def test_what_all_samples_share_of_a_rig_is_there_once():
+    frames = [frame_of(CameraRig(size=(16, 24)), seed) for seed in range(3)]
+    samples = [FrameInputs(NEEDS, SMALL)(frame) for frame in frames]
+    batch = collated(samples)
+    np.testing.assert_array_equal(batch["intrinsics"].numpy(), frames[0].intrinsics[None])
+    samples[2]["extrinsics"] = samples[2]["extrinsics"] + np.float32(0.1)
+    batch = collated(samples)
+    assert (batch["intrinsics"].shape, batch["extrinsics"].shape) == ((1, 4, 3, 3), (3, 4, 4, 4))
+    np.testing.assert_array_equal(batch["extrinsics"][2].numpy(), samples[2]["extrinsics"])

@@ -313,6 +313,16 @@ def test_samples_of_a_batch_do_not_mix():
     torch.testing.assert_close(together[1:2], alone, rtol=0, atol=1e-5)
 
 
+@pytest.mark.parametrize("route_map", ["bev", "camera"])
+def test_a_rig_that_all_samples_share_may_be_given_once(route_map):
+    config = replace(SMALL_FAST, route_map=route_map)
+    model, inputs = make_model(config), make_inputs(config, batch=3)
+    once = {name: inputs[name][:1] for name in ("intrinsics", "extrinsics")}
+    repeated = {name: value.expand(3, -1, -1, -1) for name, value in once.items()}
+    with torch.no_grad():
+        torch.testing.assert_close(model({**inputs, **once}), model({**inputs, **repeated}))
+
+
 def test_bfloat16_autocast_stays_close():
     model = make_model(SMALL_FAST)
     inputs = make_inputs(SMALL_FAST)
