@@ -8,6 +8,7 @@ from torch import Tensor, nn
 
 from .small_trunk import ResidualBlock, conv3x3, downsampling
 
+
 class BEVEncoder(nn.Module):
     """Features of inputs that lie in the BEV frame: route map, projected images.
 
