@@ -56,6 +56,13 @@ def add_parser(verbs: Any) -> None:
     add("--data", nargs="+", type=Path, required=True, metavar="FOLDER", help="drive logs")
     add("--out", type=Path, required=True, help="folder for the predictor")
     add(
+        "--start",
+        type=Path,
+        metavar="FILE",
+        help="predictor of the same preset whose weights to start from; its output layer starts "
+        "anew if it predicts other channels",
+    )
+    add(
         "--channels",
         nargs="+",
         choices=CHANNELS,

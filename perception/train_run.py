@@ -20,6 +20,7 @@ from bev_driving_env.training.progress import events_writer
 from .models.presets import model_spec
 from .sample_weights import effective_sizes, sample_weights
 from .samples import BEVSamples
+from .starting import start_from
 from .train_command import CHOICES, NUMBERS
 from .training import Trainer
 from .training_config import TrainingConfig
@@ -61,6 +62,7 @@ def _options(namespace: argparse.Namespace) -> TrainOptions:
         preset=namespace.preset,
         data=tuple(dict.fromkeys(namespace.data)),
         out=namespace.out,
+        start=namespace.start,
         spec=spec,
         training=TrainingConfig(
             **{name: getattr(namespace, name) for name in names}, flips=not namespace.no_flips
@@ -75,7 +77,8 @@ def _options(namespace: argparse.Namespace) -> TrainOptions:
 
 def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
     config, spec = options.training, options.spec
-    trainer = Trainer(config, spec, options.device)
+    start = None if options.start is None else start_from(options.start, spec)
+    trainer = Trainer(config, spec, options.device, start)
     logs, rig = open_logs(options.data), CameraRig(size=spec.camera_size)
     needs = trainer.module.needs
     samples = BEVSamples(logs, "train", needs, looks=config.looks, rig=rig)  # type: ignore[arg-type]
@@ -89,7 +92,8 @@ def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
     effective = effective_sizes(weights, spec.config.channels)
     if chief and effective is not None and not done:
         print(_effective_line(config.weighting, len(samples), effective))
-    report = Report(options, argv, trainer, chief, len(samples), effective)
+    origin = None if start is None else {"sha256": start.digest, **start.card}
+    report = Report(options, argv, trainer, chief, len(samples), effective, origin)
     with noted_interrupts() as interrupted, report:
         kept = time.monotonic()
         steps = () if done else trainer.train(samples, weights, workers=options.workers)

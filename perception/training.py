@@ -23,6 +23,7 @@ from .metrics import Floats
 from .models.presets import ModelSpec
 from .precision import resolved_precision
 from .samples import BEVSamples
+from .starting import Start
 from .training_config import TrainingConfig
 
 VALIDATION_BATCH = 8
@@ -94,6 +95,7 @@ class Trainer(Optimisation):
         config: How to train.
         spec: The network.
         device: Where.
+        start: Weights to start from; None starts at random.
 
     Attributes:
         config: See above, with the precision that it came to.
@@ -105,7 +107,11 @@ class Trainer(Optimisation):
     """
 
     def __init__(
-        self, config: TrainingConfig, spec: ModelSpec, device: torch.device | None = None
+        self,
+        config: TrainingConfig,
+        spec: ModelSpec,
+        device: torch.device | None = None,
+        start: Start | None = None,
     ) -> None:
         device = device or torch.device("cpu")
         self.config = replace(config, precision=resolved_precision(config.precision, device))
@@ -113,8 +119,15 @@ class Trainer(Optimisation):
         self.pace = Pace()
         torch.manual_seed(config.seed)
         network = {"architecture": spec.architecture, **spec.config.as_json()}
-        identity = {**asdict(self.config), **network}
-        super().__init__(spec.build().to(device), self.config, identity, device)
+        identity = {
+            **asdict(self.config),
+            **network,
+            "start": None if start is None else start.digest,
+        }
+        module = spec.build()
+        if start is not None:
+            module.load_state_dict(start.weights, strict=False)
+        super().__init__(module.to(device), self.config, identity, device)
         self._planes = [CHANNELS.index(name) for name in spec.config.channels]
 
     def train(

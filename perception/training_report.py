@@ -33,6 +33,7 @@ class TrainOptions:
         preset: Name of the network.
         data: Folders of drive logs.
         out: Folder for the predictor.
+        start: Predictor to start from, if any.
         spec: The network.
         training: How to train.
         workers: Processes that render.
@@ -48,6 +49,7 @@ class TrainOptions:
     preset: str
     data: tuple[Path, ...]
     out: Path
+    start: Path | None
     spec: ModelSpec
     training: TrainingConfig
     workers: int
@@ -73,6 +75,7 @@ class Report(Progress):
         chief: Whether this is the process that shows and writes.
         samples: How many samples there are to learn from.
         effective: Effective sample size of each channel; None: all samples count the same.
+        origin: What the card shall say about the predictor that training started from.
     """
 
     def __init__(
@@ -83,9 +86,10 @@ class Report(Progress):
         chief: bool,
         samples: int,
         effective: Mapping[str, float] | None,
+        origin: Mapping[str, Any] | None = None,
     ) -> None:
         self._options, self._argv, self._trainer, self._chief = options, argv, trainer, chief
-        self._samples, self._effective = samples, effective
+        self._samples, self._effective, self._origin = samples, effective, origin
         self._channels = trainer.spec.config.channels
         self._before = (0.0, 0.0)
         events = options.out if options.tensorboard else None
@@ -153,6 +157,7 @@ class Report(Progress):
             "command": shlex.join(["bev-perception", *self._argv]),
             "preset": options.preset,
             "data": [str(folder) for folder in options.data],
+            "started_from": None if self._origin is None else dict(self._origin),
             "samples": seen,
             # every epoch goes through all samples once
             "distinct_frames": min(seen, self._samples),

@@ -88,6 +88,27 @@ def test_an_env_drives_on_what_was_trained(trained):
         assert env.reset(seed=0)[0]["bev"].shape == (6, 192, 192)
 
 
+def test_a_training_can_start_from_a_predictor_and_its_card_says_so(
+    trained, log_folder, tmp_path, capsys
+):
+    old = str(trained / "predictor.safetensors")
+    flags = ["--start", old, "--learning-rate", "1e-9"]
+    assert train(log_folder, tmp_path, *flags) == 0
+    card = predictor_card(tmp_path / "predictor.safetensors")
+    assert card["started_from"]["samples"] == 8
+    assert card["started_from"]["weighting"] == "kde"
+    before, after = (
+        load_predictor(folder / "predictor.safetensors").model.state_dict()
+        for folder in (trained, tmp_path)
+    )
+    for name, value in before.items():
+        torch.testing.assert_close(after[name], value, rtol=1e-3, atol=1e-5)
+    assert train(log_folder, tmp_path, "--learning-rate", "1e-9") == 2
+    assert "start" in capsys.readouterr().err
+    assert train(log_folder, tmp_path / "other", "--start", old, "--preset", "blind") == 2
+    assert "start from a predictor of the same preset" in capsys.readouterr().err
+
+
 def test_no_more_distinct_frames_are_counted_than_there_are(log_folder, tmp_path):
     assert train(log_folder, tmp_path, "--batch-size", "16") == 0
     card = predictor_card(tmp_path / "predictor.safetensors")

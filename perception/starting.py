@@ -1,0 +1,81 @@
+"""Starting a training from a predictor instead of from random weights."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from torch import Tensor
+
+from .models.presets import ModelSpec
+from .weights import load_predictor
+
+CARD = ("command", "git_commit", "seeds", "data", "samples", "weighting")
+"""What the card of the new predictor repeats of the old one's."""
+
+
+@dataclass(frozen=True)
+class Start:
+    """Weights to start from, and where they came from.
+
+    Attributes:
+        weights: By name; those of layers that start anew are missing.
+        digest: SHA-256 of the file.
+        card: What is worth repeating of its card.
+    """
+
+    weights: Mapping[str, Tensor]
+    digest: str
+    card: Mapping[str, Any]
+
+
+def start_from(path: str | Path, spec: ModelSpec) -> Start:
+    """Weights of a predictor for a network of the same kind.
+
+    Where that network predicts other channels, its output layer starts anew.
+
+    Args:
+        path: The predictor's file.
+        spec: The network to be trained.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        WeightsError: It holds no predictor.
+        ValueError: It holds another network.
+    """
+    predictor = load_predictor(path)
+    channels = spec.config.channels
+    if predictor.spec.with_channels(channels) != spec:
+        raise ValueError(
+            f"{path} holds {_told(predictor.spec, spec)}; start from a predictor of the same preset"
+        )
+    weights = dict(predictor.model.state_dict())
+    if predictor.channels != channels:
+        weights = {name: weights[name] for name in weights.keys() - output_layers(spec)}
+    digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()
+    card = {name: predictor.card[name] for name in CARD if name in predictor.card}
+    return Start(weights, digest, card)
+
+
+def output_layers(spec: ModelSpec) -> set[str]:
+    """Names of the weights whose shapes depend on how many channels are predicted."""
+    other = ("road", "route") if len(spec.config.channels) == 1 else ("road",)
+    shapes = [
+        {name: value.shape for name, value in each.build().state_dict().items()}
+        for each in (spec, spec.with_channels(other))
+    ]
+    return {name for name, shape in shapes[0].items() if shapes[1][name] != shape}
+
+
+def _told(theirs: ModelSpec, ours: ModelSpec) -> str:
+    """In what two networks differ."""
+    if theirs.architecture != ours.architecture:
+        return f"a network of architecture {theirs.architecture!r}, not {ours.architecture!r}"
+    told, wanted = theirs.config.as_json(), ours.config.as_json()
+    names = [name for name in wanted if name != "channels" and told.get(name) != wanted[name]]
+    return "a network with " + ", ".join(
+        f"{name} {told.get(name)!r} instead of {wanted[name]!r}" for name in names
+    )

@@ -1,0 +1,80 @@
+"""Starting a training from a predictor."""
+
+import hashlib
+from dataclasses import replace
+
+import pytest
+import torch
+
+from perception.models.cvt_config import FAST
+from perception.models.presets import ModelSpec
+from perception.starting import output_layers, start_from
+from perception.training import Trainer, TrainingConfig
+from perception.weights import Predictor, WeightsError, save_predictor
+
+CONFIG = TrainingConfig(steps=4, batch_size=2)
+
+
+@pytest.fixture
+def saved(tiny_spec, tmp_path):
+    """Writes a predictor of a spec; returns its network and its file."""
+
+    def save(spec=tiny_spec):
+        torch.manual_seed(7)
+        model, channels = spec.build(), spec.config.channels
+        card = {"command": "bev-perception train", "samples": 80, "machine": "toy"}
+        predictor = Predictor(spec, model, (0.5,) * len(channels), spec.camera_size, card)
+        save_predictor(predictor, tmp_path / "old.safetensors")
+        return model, tmp_path / "old.safetensors"
+
+    return save
+
+
+def test_training_starts_with_the_predictors_weights(saved, tiny_spec):
+    model, path = saved()
+    start = start_from(path, tiny_spec)
+    trained = Trainer(CONFIG, tiny_spec, start=start).module.state_dict()
+    for name, value in model.state_dict().items():
+        torch.testing.assert_close(trained[name], value, rtol=1e-3, atol=1e-6)  # stored in fp16
+    assert start.digest == hashlib.sha256(path.read_bytes()).hexdigest()
+    assert start.card == {"command": "bev-perception train", "samples": 80}
+
+
+@pytest.mark.parametrize("channels", [("road", "lane"), ("lights",)])
+def test_for_other_channels_the_output_layer_starts_anew(saved, tiny_spec, channels):
+    model, path = saved()
+    spec = tiny_spec.with_channels(channels)
+    fresh = Trainer(CONFIG, spec).module.state_dict()
+    started = Trainer(CONFIG, spec, start=start_from(path, spec)).module.state_dict()
+    for name, value in model.state_dict().items():
+        if name.startswith("unet.head"):
+            assert torch.equal(started[name], fresh[name])
+        else:
+            torch.testing.assert_close(started[name], value, rtol=1e-3, atol=1e-6)
+
+
+def test_channels_in_another_order_are_other_channels(saved, tiny_spec):
+    _, path = saved()
+    spec = tiny_spec.with_channels(tiny_spec.config.channels[::-1])
+    assert "unet.head.weight" not in start_from(path, spec).weights
+
+
+def test_the_output_layer_of_a_cross_view_transformer_is_its_head():
+    assert output_layers(ModelSpec("cvt", FAST)) == {"decoder.head.0.weight", "decoder.head.0.bias"}
+
+
+def test_a_network_of_another_preset_is_an_error_that_says_how_it_differs(saved, tiny_spec):
+    _, path = saved()
+    with pytest.raises(ValueError, match="architecture 'bev_unet', not 'cvt'"):
+        start_from(path, ModelSpec("cvt", FAST))
+    wider = replace(tiny_spec, config=replace(tiny_spec.config, widths=(8, 8)))
+    with pytest.raises(ValueError, match=r"widths \[4, 4\] instead of \[8, 8\]"):
+        start_from(path, wider)
+
+
+def test_what_is_no_predictor_is_an_error(tiny_spec, tmp_path):
+    with pytest.raises(FileNotFoundError):
+        start_from(tmp_path / "none.safetensors", tiny_spec)
+    (tmp_path / "text.safetensors").write_text("no weights", encoding="utf-8")
+    with pytest.raises(WeightsError):
+        start_from(tmp_path / "text.safetensors", tiny_spec)
