@@ -18,9 +18,12 @@ from torch import Tensor
 
 from bev_driving_env.logs.errors import LogError
 from bev_driving_env.logs.order import batch_numbers
+from bev_driving_env.training.kde import kde_weights
 
 AHEAD = 4
 """Batches rendered before they are asked for."""
+LARGEST_WEIGHT = 8.0
+"""In means: a few lonely samples must not rule the gradient."""
 
 
 class Demonstrations(Protocol):
@@ -57,6 +60,20 @@ class Batch(NamedTuple):
     def to(self, device: torch.device) -> Batch:
         """The batch on a device."""
         return Batch(*(part.to(device) for part in self))
+
+
+def rare_action_weights(actions: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Weights (n,) of actions (n, 2) in [-1, 1]: one over the root of their density.
+
+    Most of a drive is going straight at cruising speed, where every command is near 0; without
+    weights the network learns little of starting off and of corners. The root is a compromise
+    between the samples as they come and all actions alike.
+
+    >>> cruising, braking = [[0.0, 0.0]] * 99, [[-0.5, 0.0]]
+    >>> rare_action_weights(np.array(cruising + braking, np.float32))[[0, -1]].round(1)
+    array([0.9, 8. ])
+    """
+    return kde_weights(actions, temper=0.5, clip=LARGEST_WEIGHT)
 
 
 class SampleSet:

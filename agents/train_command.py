@@ -10,8 +10,7 @@ from typing import Any
 from bev_driving_env.frames import CHANNELS
 from bev_driving_env.training.command import add_run_options
 
-from .training_config import TrainingConfig
-from .weighting import WEIGHTINGS
+from .training_config import WEIGHTINGS, TrainingConfig
 
 DEFAULTS = TrainingConfig()
 NUMBERS = (

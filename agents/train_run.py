@@ -20,7 +20,7 @@ from bev_driving_env.training.interrupts import noted_interrupts
 from bev_driving_env.training.processes import any_process, first_process_does
 from bev_driving_env.training.progress import events_writer
 
-from .batches import SampleSet
+from .batches import SampleSet, rare_action_weights
 from .collect import discard
 from .dagger import drive_round
 from .network import NetworkConfig
@@ -35,7 +35,6 @@ from .training_report import (
     Report,
     TrainOptions,
 )
-from .weighting import kde_weights
 
 DAGGER = "dagger"
 OWN_FILES = (CHECKPOINT, WEIGHTS, METRICS)
@@ -102,7 +101,7 @@ def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
                     # what was best before its own mistakes were seen may not drive well
                     trainer.forget_best()
                 logs = open_logs([*options.data, *rounds])
-                weigh = kde_weights if options.weighting == "kde" else None
+                weigh = rare_action_weights if options.weighting == "kde" else None
                 samples = SampleSet(logs, "train", channels=depth, weigh=weigh)
                 _phase(options, trainer, report, (samples, validation, end), interrupted)
         report.keep()

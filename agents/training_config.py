@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 from bev_driving_env.training.settings import TrainingSettings
 
+WEIGHTINGS = ("none", "kde")
+
 
 @dataclass(frozen=True)
 class TrainingConfig(TrainingSettings):

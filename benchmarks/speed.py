@@ -184,6 +184,10 @@ def figures(rounds: int, seconds: float, seed: int = 0) -> list[Figure]:
         *speed_logs.figures(rounds, seconds, seed),
     ]
     # PyTorch takes seconds to load, and nothing before needs it
-    from . import speed_policy
+    from . import speed_policy, speed_predictors
 
-    return measured + speed_policy.figures(rounds, seconds, seed)
+    return [
+        *measured,
+        *speed_policy.figures(rounds, seconds, seed),
+        *speed_predictors.figures(rounds, seconds),
+    ]

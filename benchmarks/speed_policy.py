@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from agents.batches import AHEAD, SampleSet
+from agents.batches import AHEAD, SampleSet, rare_action_weights
 from agents.beta_agent import BetaAgent
 from agents.checkpoint import load_weights
 from agents.collect import claim_folder, collect, jobs_of, log_settings
@@ -26,7 +26,6 @@ from agents.policy import BetaPolicy
 from agents.registry import agent_source
 from agents.training import Trainer
 from agents.training_config import TrainingConfig
-from agents.weighting import kde_weights
 from bev_driving_env.logs.header import LogHeader
 from bev_driving_env.logs.order import batch_numbers, open_logs
 from bev_driving_env.settings import EnvSettings
@@ -122,7 +121,8 @@ def training_samples(folder: Path, network: NetworkConfig, seed: int = 0) -> Sam
     claim_folder(folder, header)
     collect(folder, header, jobs_of(header, TRAINING_ROUTES), 1)
     depth = max(network.channels) + 1
-    return SampleSet(open_logs([folder]), "train", channels=depth, weigh=kde_weights)
+    logs = open_logs([folder])
+    return SampleSet(logs, "train", channels=depth, weigh=rare_action_weights)
 
 
 def measure_training(

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from bev_driving_env.sources.protocol import BEVSource
+    from bev_driving_env.training.kde import kde_weights
 
-    from .kde import kde_weights
     from .metrics import channel_iou
     from .models.presets import build_model
 
@@ -27,9 +27,9 @@ SUFFIXES = (".pt2", ".safetensors")
 """Endings of the checkpoint files that :func:`load_source` reads."""
 
 _HOMES = {
-    "build_model": "models.presets",
-    "channel_iou": "metrics",
-    "kde_weights": "kde",
+    "build_model": "perception.models.presets",
+    "channel_iou": "perception.metrics",
+    "kde_weights": "bev_driving_env.training.kde",
 }
 
 
@@ -70,7 +70,7 @@ def load_source(path: str | Path) -> BEVSource:
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(importlib.import_module(f".{_HOMES[name]}", __name__), name)
+    return getattr(importlib.import_module(_HOMES[name]), name)
 
 
 def __dir__() -> list[str]:

@@ -1,7 +1,8 @@
 """Weights for the loss of the actors' channels: rare numbers of actors count more.
 
-The paper weighs by the density of the ego's actions (``kde.py``) and proposes, for vehicles,
-pedestrians and lights, the density of dynamic agents in the dataset as future work. This is it.
+The paper weighs by the density of the ego's actions (``bev_driving_env.training.kde``) and
+proposes, for vehicles, pedestrians and lights, the density of dynamic agents in the dataset as
+future work. This is it.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .kde import inverse_density_weights
+from bev_driving_env.training.kde import inverse_density_weights
 
 ONE_ACTOR = (10.0 / 38.4**2, 2.56 / 38.4**2, 105.0 / 192**2)
 """Share of the default BEV that one vehicle (5 m x 2 m), one pedestrian (1.6 m x 1.6 m) and one
@@ -32,7 +33,7 @@ def actor_weights(
 
     Args:
         shares: (n, 3) share of the BEV's pixels that vehicles, pedestrians and lights cover.
-        clip: As for :func:`~perception.kde.inverse_density_weights`.
+        clip: As for :func:`~bev_driving_env.training.kde.inverse_density_weights`.
         temper: As there. A few samples with fifteen pedestrians should not rule: 0.5.
         one_actor: (3,) share that one actor covers.
 

@@ -1,8 +1,8 @@
 """The loss of BEV segmentation: binary cross-entropy (BCE), per channel with or without Dice.
 
 The paper's objective is the mean over samples of ``w_i l_i``, where ``l_i`` is the BCE averaged
-over channels and pixels and ``w_i`` the sample's KDE weight (``kde.py``). Channel weights and Dice
-come on top; with weights of 1 and ``"bce"`` alone it is the paper's.
+over channels and pixels and ``w_i`` the sample's KDE weight (``bev_driving_env.training.kde``).
+Channel weights and Dice come on top; with weights of 1 and ``"bce"`` alone it is the paper's.
 
 On the CPU loss and gradient come from one pass of a kernel over logits and uint8 targets (in
 PyTorch's own operations this takes a tenth of a small network's training step); elsewhere, and

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from bev_driving_env.frames import CHANNELS
+from bev_driving_env.training.kde import effective_sample_size, kde_weights
 
 from .actor_density import actor_weights
-from .kde import effective_sample_size, kde_weights
 from .samples import BEVSamples
 from .training_config import TrainingConfig
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from bev_driving_env.checks import is_number, require_positive
+from bev_driving_env.training.kde import BANDWIDTH, FINEST
 from bev_driving_env.training.settings import PRECISIONS, TrainingSettings
-
-from .kde import BANDWIDTH, FINEST
 
 LOSSES = ("bce", "bce_dice")
 LOOKS = ("log", "random")

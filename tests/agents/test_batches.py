@@ -5,8 +5,7 @@ import threading
 import numpy as np
 import pytest
 
-from agents.batches import RenderedBatches, SampleSet
-from agents.weighting import kde_weights
+from agents.batches import LARGEST_WEIGHT, RenderedBatches, SampleSet, rare_action_weights
 from bev_driving_env.logs.errors import LogError
 from bev_driving_env.logs.order import batch_numbers
 
@@ -104,6 +103,12 @@ def test_leaving_early_ends_the_thread():
 
 def test_rare_actions_weigh_more_by_the_root_of_how_rare_they_are():
     common, rare = [[0.0, 0.0]] * 900, [[0.6, -0.5]] * 100
-    weights = kde_weights(np.array(common + rare, np.float32))
+    weights = rare_action_weights(np.array(common + rare, np.float32))
     assert weights[-1] / weights[0] == pytest.approx(3.0)
     assert np.ptp(weights[:900]) == 0.0
+    assert weights.mean() == pytest.approx(1.0)
+
+
+def test_no_lonely_action_weighs_more_than_eight_average_ones():
+    weights = rare_action_weights(np.array([[0.0, 0.0]] * 9999 + [[0.6, -0.5]], np.float32))
+    assert weights[-1] == pytest.approx(LARGEST_WEIGHT)

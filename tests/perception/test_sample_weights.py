@@ -5,8 +5,8 @@ import pytest
 
 from bev_driving_env.frames import CHANNELS
 from bev_driving_env.logs.order import open_logs
+from bev_driving_env.training.kde import effective_sample_size, kde_weights
 from perception.actor_density import actor_weights
-from perception.kde import effective_sample_size, kde_weights
 from perception.sample_weights import actor_shares, effective_sizes, sample_weights
 from perception.samples import BEVSamples
 from perception.training_config import TrainingConfig

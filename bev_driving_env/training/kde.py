@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bev_driving_env.checks import is_number, require_positive
+from ..checks import is_number, require_positive
 
 Floats = NDArray[np.float64]
 

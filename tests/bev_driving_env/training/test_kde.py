@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.neighbors import KernelDensity
 
-from perception.kde import (
+from bev_driving_env.training.kde import (
     binned_density,
     effective_sample_size,
     exact_density,
@@ -88,7 +88,7 @@ def test_the_method_changes_with_the_number_of_samples(monkeypatch):
     binned = kde_weights(actions, method="binned")
     assert not np.array_equal(exact, binned)
     assert np.array_equal(kde_weights(actions), exact)
-    monkeypatch.setattr("perception.kde.EXACT_UP_TO", 199)
+    monkeypatch.setattr("bev_driving_env.training.kde.EXACT_UP_TO", 199)
     assert np.array_equal(kde_weights(actions), binned)
 
 
