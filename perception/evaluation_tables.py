@@ -6,12 +6,14 @@ import csv
 import io
 import math
 from collections.abc import Mapping, Sequence
+from pathlib import PurePath
 from statistics import fmean
 from typing import Any
 
 from bev_driving_env.frames import CHANNELS
 from bev_driving_env.markdown import markdown
 
+from . import SUFFIXES
 from .evaluation import BANDS, PLACES, Evaluation
 from .evaluation_frames import CHANGES
 
@@ -30,39 +32,57 @@ NOTE = (
 )
 
 
-def row_name(evaluation: Evaluation) -> str:
-    """Name of a source in tables, with what was changed in its frames."""
-    change = CHANGES[evaluation.view.change]
-    return f"{evaluation.source}, {change}" if change else evaluation.source
+def short_name(source: str) -> str:
+    """Name of a source for people: of a checkpoint, what tells it from others.
+
+    >>> short_name("runs/first_try/predictor.safetensors"), short_name("weights/mine.pt2")
+    ('first_try', 'mine')
+    >>> short_name("cvt_kde")
+    'cvt_kde'
+    """
+    path = PurePath(source)
+    if path.suffix not in SUFFIXES:
+        return source
+    return path.parent.name if path.stem == "predictor" and path.parent.name else path.stem
+
+
+def row_names(evaluations: Sequence[Evaluation]) -> list[str]:
+    """Names of sources in tables, with what was changed in their frames."""
+    sources = {each.source for each in evaluations}
+    short = {source: short_name(source) for source in sources}
+    if len(set(short.values())) < len(sources):
+        short = {source: source for source in sources}
+    changes = [CHANGES[each.view.change] for each in evaluations]
+    return [
+        f"{short[each.source]}, {change}" if change else short[each.source]
+        for each, change in zip(evaluations, changes, strict=True)
+    ]
 
 
 def tables(evaluations: Sequence[Evaluation]) -> str:
     """Evaluations of one log as Markdown, a row a source; places are those of unchanged frames."""
     first = evaluations[0]
-    unchanged = [each for each in evaluations if each.view.change == "none"]
+    named = list(zip(row_names(evaluations), evaluations, strict=True))
+    unchanged = [(name, each) for name, each in named if each.view.change == "none"]
     frames = ", ".join(f"{int(first.chosen(place).sum())} {place}" for place in PLACES[1:])
-    quality = [(row_name(each), each.turns()) for each in evaluations]
+    quality = [(name, each.turns()) for name, each in named]
     parts = {
         f"IoU of {len(first)} frames ({frames})": _channel_table(
-            "", [(row_name(each), "", each.iou()) for each in evaluations]
+            "", [(name, "", each.iou()) for name, each in named]
         ),
         "Per frame, mean": _channel_table(
-            "", [(row_name(each), "", each.mean_frame_iou()) for each in evaluations]
+            "", [(name, "", each.mean_frame_iou()) for name, each in named]
         ),
         "By place": _channel_table(
             "Place",
-            [
-                (row_name(each), place, each.iou(place))
-                for each in unchanged
-                for place in PLACES[1:]
-            ],
+            [(name, place, each.iou(place)) for name, each in unchanged for place in PLACES[1:]],
         ),
         "By distance": _channel_table(
             "Distance",
             [
-                (row_name(each), name, each.iou(band=band))
-                for each in unchanged
-                for band, name in enumerate(BANDS)
+                (name, where, each.iou(band=band))
+                for name, each in unchanged
+                for band, where in enumerate(BANDS)
             ],
         ),
         "Route channel in turn frames": markdown(

@@ -16,6 +16,7 @@ from bev_driving_env.sources.ipm_ground import GroundView
 from bev_driving_env.sources.protocol import SensorFrame
 
 from .evaluation import THRESHOLD, Evaluation
+from .evaluation_tables import short_name
 from .predicting import predicted
 
 TILE_PX = 384
@@ -81,7 +82,7 @@ def mosaic_of(evaluation: Evaluation, number: int, source: Any, logs: Sequence[D
     bev[[CHANNELS.index(channel) for channel in evaluation.channels]] = planes
     size = (frame.images.shape[1], frame.images.shape[2])
     ground = GroundView(log.geometry, frame.intrinsics, frame.extrinsics, size)
-    name = evaluation.source
+    name = short_name(evaluation.source)
     if "route" in evaluation.channels:
         name += f", route IoU {evaluation.route_iou()[number]:.3f}"
     return mosaic(frame, ground.project(frame.images), truth, bev, evaluation.channels, name)

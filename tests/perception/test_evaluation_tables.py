@@ -9,7 +9,14 @@ import pytest
 
 from perception.evaluation import Evaluation
 from perception.evaluation_frames import FrameKey, View
-from perception.evaluation_tables import as_csv, frame_figures, row_name, rows, tables, turn_figures
+from perception.evaluation_tables import (
+    as_csv,
+    frame_figures,
+    row_names,
+    rows,
+    tables,
+    turn_figures,
+)
 from perception.iou_counts import IoUCounts
 from perception.places import Places
 
@@ -80,7 +87,8 @@ def test_means_are_over_all_three_channels_or_not_told(found):
 
 def test_changed_frames_have_rows_of_their_own(found):
     changed = dataclasses.replace(found, view=View(change="black"))
-    assert row_name(changed) == "toy, black cameras"
+    assert row_names([found, changed]) == ["toy", "toy, black cameras"]
+
     made = parsed(tables([found, changed]))
     assert [row[0] for row in made["Route channel in turn frames"][2:]] == [
         "toy",
@@ -118,3 +126,12 @@ def test_frames_and_turns_are_ready_for_json(found):
     assert turn_figures(blind) is None
     assert "route_iou" not in frame_figures(blind)[0]
     assert parsed(tables([blind]))["Route channel in turn frames"][2] == ["toy", *"------"]
+
+
+def test_checkpoints_are_called_by_what_tells_them_apart(found):
+    def called(*sources):
+        return row_names([dataclasses.replace(found, source=source) for source in sources])
+
+    assert called("ipm", "runs/a/predictor.safetensors", "b.pt2") == ["ipm", "a", "b"]
+    same = ["one/a/predictor.safetensors", "two/a/predictor.safetensors"]
+    assert called(*same) == same
