@@ -40,8 +40,9 @@ speed: $(VENV)/.installed  ## Steps per second beside highway-env, in one run
 splits: $(VENV)/.installed  ## Draw the val and test routes again, from their seeds
 	$(BIN)/python -m bev_driving_env.towns.routebook
 
-pictures: $(VENV)/.installed  ## Draw the README's pictures again
+pictures: $(VENV)/.installed  ## Draw the pictures of README and docs again
 	$(BIN)/python docs/draw_pictures.py
+	$(BIN)/python docs/draw_training.py
 
 # --editable, so that the sources in this folder are what runs
 $(VENV)/.installed: pyproject.toml constraints.txt

@@ -1,0 +1,42 @@
+#!/usr/bin/env bash
+# Trains the predictors that come with BEVTown, from nothing: six hours on one core, less on more.
+# Whatever is finished is left alone, and what was interrupted goes on. What is given to this
+# script is given to every training, after its own options: --workers 4 --device cuda, say.
+set -euo pipefail
+data=data runs=runs
+given=("$@")
+
+collect() {  # collect NAME OPTIONS...
+    local name=$1; shift
+    bev-agents collect --town Town01 --out "$data/$name" "$@"
+}
+
+train() {  # train NAME OPTIONS...
+    local name=$1; shift
+    bev-perception train --out "$runs/$name" --seed 0 --patience 1000 "$@" "${given[@]}"
+}
+
+collect town01 --collections 5
+collect town01_dense --collections 5 --traffic dense --lights
+collect town01_smooth --levels 0 --traffic dense --lights  # nobody disturbs the expert
+perturbed=(--data "$data/town01" "$data/town01_dense")
+smooth=(--data "$data/town01_smooth")
+kde=(--temper 0.5 --clip 5)
+
+# given the geometry
+ipm=(--preset ipm_unet --loss bce_dice --steps 8000 --validate-every 1000 "${perturbed[@]}")
+train ipm_unet "${ipm[@]}"
+train ipm_unet_kde "${ipm[@]}" --weighting kde+actors "${kde[@]}"
+
+# the paper's systems: four Cross-View Transformers that go on from one and the same beginning
+train cvt_start --preset fast --loss bce_dice --steps 1600 --validate-every 400 "${smooth[@]}"
+cvt=(--preset fast --loss bce_dice --start "$runs/cvt_start/predictor.safetensors")
+cvt+=(--steps 1200 --validate-every 300 --learning-rate 1e-3)
+train cvt_kde "${cvt[@]}" "${perturbed[@]}" --weighting kde "${kde[@]}"
+train cvt "${cvt[@]}" "${perturbed[@]}"
+train cvt_no_noise "${cvt[@]}" "${smooth[@]}"
+train cvt_3ch "${cvt[@]}" "${perturbed[@]}" --channels road route lane
+
+# those that are not given it, and the floor
+train unet --preset unet --loss bce_dice --steps 1500 --validate-every 300 "${perturbed[@]}"
+train blind --preset blind --loss bce_dice --steps 1000 --validate-every 250 "${perturbed[@]}"
