@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -69,6 +70,14 @@ def add_parser(verbs: Any) -> None:
         metavar="NAME",
         help=f"BEV channels to predict, of {', '.join(CHANNELS)}; default: the preset's",
     )
+    add(
+        "--set",
+        nargs="+",
+        type=_field,
+        default=[],
+        metavar="NAME=VALUE",
+        help="change fields of the network's configuration: positions=tied trunk_widths=[8,16]",
+    )
     for name, kind, text in NUMBERS:
         value = getattr(DEFAULTS, name)
         flag = f"--{name.replace('_', '-')}"
@@ -82,6 +91,17 @@ def add_parser(verbs: Any) -> None:
     parser.set_defaults(
         command=run, interrupted="; predictor and checkpoint are kept, the same command resumes"
     )
+
+
+def _field(text: str) -> tuple[str, Any]:
+    """Name and value of ``NAME=VALUE``; what is no JSON is a string."""
+    name, equals, value = text.partition("=")
+    if not (name and equals):
+        raise argparse.ArgumentTypeError(f"expected NAME=VALUE, got {text!r}")
+    try:
+        return name, json.loads(value)
+    except ValueError:
+        return name, value
 
 
 def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:

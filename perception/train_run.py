@@ -55,7 +55,7 @@ def _options(namespace: argparse.Namespace) -> TrainOptions:
     names = [name for name, *_ in (*NUMBERS, *CHOICES)]
     if namespace.tensorboard:
         events_writer()  # is it there?
-    spec = model_spec(namespace.preset)
+    spec = model_spec(namespace.preset).changed(**dict(namespace.set))
     if namespace.channels is not None:
         spec = spec.with_channels(tuple(dict.fromkeys(namespace.channels)))
     return TrainOptions(

@@ -60,10 +60,31 @@ class ModelSpec:
         """The network, with new weights from PyTorch's random generator."""
         return ARCHITECTURES[self.architecture][1](self.config)
 
+    def changed(self, **fields: Any) -> ModelSpec:
+        """The same but for some fields of its configuration.
+
+        Raises:
+            ValueError: It has no such field, or a value is out of range.
+
+        >>> PRESETS["fast"].changed(positions="tied").config.positions
+        'tied'
+        """
+        config = self.as_json()["config"]
+        unknown = [name for name in fields if name not in config]
+        if unknown:
+            raise ValueError(
+                f"{self.architecture!r} has no field {unknown[0]!r}; it has {', '.join(config)}"
+            )
+        try:
+            return ModelSpec.from_json(
+                {"architecture": self.architecture, "config": {**config, **fields}}
+            )
+        except TypeError as error:  # say, a number where a list belongs
+            raise ValueError(f"{fields} cannot be a network's: {error}") from error
+
     def with_channels(self, channels: tuple[str, ...]) -> ModelSpec:
         """The same for other channels of the BEV."""
-        fields = {**self.as_json()["config"], "channels": channels}
-        return ModelSpec.from_json({"architecture": self.architecture, "config": fields})
+        return self.changed(channels=channels)
 
     def as_json(self) -> dict[str, Any]:
         """The spec as JSON values; :meth:`from_json` turns them back."""

@@ -138,6 +138,24 @@ def test_fewer_channels_can_be_learned(log_folder, tmp_path):
     assert "iou_vehicles" not in rows_of(tmp_path)[0]
 
 
+def test_fields_of_the_network_can_be_changed(log_folder, tmp_path, capsys):
+    assert train(log_folder, tmp_path, "--set", "widths=[4, 8]", "places=false") == 0
+    config = load_predictor(tmp_path / "predictor.safetensors").spec.config
+    assert (config.widths, config.places) == ((4, 8), False)
+    for wrong, named in (
+        ("depth=3", "no field 'depth'; it has channels"),
+        ("widths=4", "cannot be a network's"),
+        ("widths=[4, 0]", "widths must be positive"),
+        ("widths", "expected NAME=VALUE"),
+    ):
+        try:
+            code = train(log_folder, tmp_path / "other", "--set", wrong)
+        except SystemExit as stop:  # of argparse
+            code = stop.code
+        assert code == 2
+        assert named in capsys.readouterr().err
+
+
 def interrupted_after(step, monkeypatch):
     """Ctrl-C while this step is reported."""
 
