@@ -6,7 +6,8 @@ A sample is a pure function of its key, whichever process renders it and whateve
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Sequence
+import functools
+from collections.abc import Callable, Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from bev_driving_env.cameras.look import Look, draw_look
+from bev_driving_env.cameras.randomisation import randomised_look
 from bev_driving_env.cameras.renderer import CameraSettings
 from bev_driving_env.cameras.rig import CameraRig
 from bev_driving_env.frames import BEVGeometry
@@ -28,6 +30,11 @@ from .training_config import LOOKS
 
 HELD_OUT = ("test", "hard")
 """Appearances that no network may be trained on."""
+DRAWN: dict[str, Callable[[int, int], Look]] = {
+    "random": functools.partial(draw_look, "train"),
+    "wild": randomised_look,
+}
+"""What draws the look of each sample, by seed and number of cameras."""
 
 
 class SampleKey(NamedTuple):
@@ -68,7 +75,8 @@ class BEVSamples(Dataset[Sample]):
         split: ``"train"``, ``"val"`` or ``"all"``.
         needs: What the network needs; see ``FrameInputs``.
         looks: ``"log"``: everything looks as it did on the drive; ``"random"``: each sample has a
-            look of its own, drawn from those for training.
+            look of its own, drawn from those for training; ``"wild"``: one that varies far more,
+            see ``randomised_look``.
         rig: Cameras instead of those of the recording.
 
     Raises:
@@ -97,7 +105,7 @@ class BEVSamples(Dataset[Sample]):
                 f"the data holds no sample of split {split!r}: collect more with bev-agents "
                 "collect (route 0 is for validation, the others for training)"
             )
-        self._random = looks == "random"
+        self._looks = looks
         self._settings = [self._settings_of(log, rig) for log in self.logs]
         held_out = [s.appearance for s in self._settings if s.appearance in HELD_OUT]
         if split == "train" and held_out:
@@ -115,7 +123,9 @@ class BEVSamples(Dataset[Sample]):
         settings = log.camera_settings
         if rig is not None:
             settings = dataclasses.replace(settings, rig=rig)
-        return dataclasses.replace(settings, appearance="train") if self._random else settings
+        return (
+            dataclasses.replace(settings, appearance="train") if self._looks != "log" else settings
+        )
 
     def __len__(self) -> int:
         return len(self._indices)
@@ -144,8 +154,9 @@ class BEVSamples(Dataset[Sample]):
         log, index = self.locate(number)
         settings = self._settings[self._log_of[number]]
         look = None
-        if self._random:
-            look = draw_look("train", look_seed, len(settings.rig.cameras))
+        if self._looks != "log":
+            draw = DRAWN[self._looks]
+            look = draw(look_seed, len(settings.rig.cameras))
         inputs = self._inputs(self._frame(log, index, settings, look))
         bev = log.bev(index)
         if flip:

@@ -36,7 +36,7 @@ CHOICES = (
         "pedestrians and lights in their channels",
     ),
     ("loss", LOSSES, "of each channel"),
-    ("looks", LOOKS, "'random' paints and lights every sample anew"),
+    ("looks", LOOKS, "'random' paints and lights every sample anew, 'wild' in any colours"),
     ("precision", TrainingConfig.precisions, "'auto' is bf16 where that is faster"),
 )
 """Options that go into ``TrainingConfig`` as they are."""

@@ -10,7 +10,7 @@ from bev_driving_env.training.kde import BANDWIDTH, FINEST
 from bev_driving_env.training.settings import PRECISIONS, TrainingSettings
 
 LOSSES = ("bce", "bce_dice")
-LOOKS = ("log", "random")
+LOOKS = ("log", "random", "wild")
 WEIGHTINGS = ("none", "kde", "actors", "kde+actors")
 
 

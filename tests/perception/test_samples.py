@@ -108,7 +108,7 @@ def test_no_network_is_trained_on_looks_for_testing(log_folder, monkeypatch):
 
 
 def test_what_makes_no_sense_is_refused(logs):
-    with pytest.raises(ValueError, match="looks must be one of log, random, got 'any'"):
+    with pytest.raises(ValueError, match="looks must be one of log, random, wild, got 'any'"):
         BEVSamples(logs, "train", NEEDS, looks="any")
     with pytest.raises(LogError, match="no sample of split 'train'"):
         BEVSamples([], "train", NEEDS)
