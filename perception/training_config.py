@@ -27,7 +27,8 @@ class TrainingConfig(TrainingSettings):
         bandwidth: Of the KDE, in units of the action.
         clip: Largest weight of the KDE, in means; None: no limit.
         temper: Exponent of the KDE's weights, 1 as in the paper, 0 makes all equal.
-        looks: ``"random"``: every sample has a look of its own; ``"log"``: that of the drive.
+        looks: ``"random"``: every sample has a look of its own, drawn from those for training;
+            ``"wild"``: one with any colours and light; ``"log"``: that of the drive.
         flips: Whether half of the samples are mirrored.
 
     Raises:

@@ -8,5 +8,5 @@ bev-agents collect --town Town01 --collections 5 --out data/town01
 bev-agents collect --town Town01 --collections 5 --traffic dense --lights --out data/town01_dense
 bev-perception train --preset paper --weighting kde --temper 0.5 --clip 5 \
     --data data/town01 data/town01_dense --out runs/cvt_kde_paper --seed 0 \
-    --batch-size 32 --steps 6000 --validate-every 1000 --patience 1000 \
+    --looks wild --batch-size 32 --steps 6000 --validate-every 1000 --patience 1000 \
     --learning-rate 1e-3 --device cuda --precision bf16 --workers 14 "$@"

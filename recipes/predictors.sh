@@ -23,14 +23,17 @@ perturbed=(--data "$data/town01" "$data/town01_dense")
 smooth=(--data "$data/town01_smooth")
 kde=(--temper 0.5 --clip 5)
 
-# given the geometry
-ipm=(--preset ipm_unet --loss bce_dice --steps 8000 --validate-every 1000 "${perturbed[@]}")
-train ipm_unet "${ipm[@]}"
+# given the geometry; two that go on from one and the same beginning
+ipm=(--preset ipm_unet --loss bce_dice --looks wild "${perturbed[@]}")
+train ipm_start "${ipm[@]}" --steps 4000 --validate-every 500
+ipm+=(--start "$runs/ipm_start/predictor.safetensors")
+ipm+=(--steps 4400 --validate-every 550 --learning-rate 1e-3)
 train ipm_unet_kde "${ipm[@]}" --weighting kde+actors "${kde[@]}"
+train ipm_unet "${ipm[@]}"
 
 # the paper's systems: four Cross-View Transformers that go on from one and the same beginning
 train cvt_start --preset fast --loss bce_dice --steps 1600 --validate-every 400 "${smooth[@]}"
-cvt=(--preset fast --loss bce_dice --start "$runs/cvt_start/predictor.safetensors")
+cvt=(--preset fast --loss bce_dice --looks wild --start "$runs/cvt_start/predictor.safetensors")
 cvt+=(--steps 1200 --validate-every 300 --learning-rate 1e-3)
 train cvt_kde "${cvt[@]}" "${perturbed[@]}" --weighting kde "${kde[@]}"
 train cvt "${cvt[@]}" "${perturbed[@]}"
@@ -38,5 +41,5 @@ train cvt_no_noise "${cvt[@]}" "${smooth[@]}"
 train cvt_3ch "${cvt[@]}" "${perturbed[@]}" --channels road route lane
 
 # those that are not given it, and the floor
-train unet --preset unet --loss bce_dice --steps 1500 --validate-every 300 "${perturbed[@]}"
+train unet --preset unet --loss bce_dice --looks wild --steps 1500 --validate-every 300 "${perturbed[@]}"
 train blind --preset blind --loss bce_dice --steps 1000 --validate-every 250 "${perturbed[@]}"

@@ -5,6 +5,7 @@ import pytest
 import torch
 
 from bev_driving_env.cameras.look import draw_look
+from bev_driving_env.cameras.randomisation import randomised_look
 from bev_driving_env.cameras.rig import CameraRig
 from bev_driving_env.logs.errors import LogError
 from bev_driving_env.logs.order import open_logs
@@ -59,6 +60,13 @@ def test_a_look_of_its_own_changes_the_images_and_nothing_else(logs, samples):
     a, b = samples[(3, 41, False)], samples[(3, 42, False)]
     np.testing.assert_array_equal(a.bits, b.bits)
     np.testing.assert_array_equal(a.inputs["route_map"], b.inputs["route_map"])
+
+
+def test_a_wild_look_is_drawn_from_the_same_seed(logs):
+    wild = BEVSamples(logs, "train", {"images"}, looks="wild")
+    index = int(logs[0].indices("train")[3])
+    wanted = logs[0].images(index, look=randomised_look(41))
+    np.testing.assert_array_equal(wild[(3, 41, False)].inputs["images"], wanted)
 
 
 def test_a_flipped_sample_is_the_mirror_image(samples):
