@@ -105,14 +105,16 @@ def source_file(spec: Any) -> Path | None:
         spec: As for :func:`make_bev_source`.
 
     Returns:
-        The checkpoint, or the file of the module that ``"module:factory"`` names. None for names,
-        objects, and modules that have no file.
+        The checkpoint, a shipped predictor's too, or the file of the module that
+        ``"module:factory"`` names. None for other names, objects, and modules that have no file.
 
     Raises:
         ValueError: The module cannot be imported.
     """
-    if not isinstance(spec, str | Path) or spec in bev_source_names():
+    if not isinstance(spec, str | Path) or spec in _factories:
         return None
+    if spec in _built_in():
+        return _shipped_file(str(spec))
     if os.path.isfile(spec):
         return Path(spec)
     module_name, colon, factory_name = str(spec).partition(":")
@@ -120,6 +122,14 @@ def source_file(spec: Any) -> Path | None:
         return None
     file = getattr(_imported(str(spec), module_name), "__file__", None)
     return None if file is None else Path(file)
+
+
+def _shipped_file(name: str) -> Path | None:
+    """The weights of a predictor that comes with the package; None for what has none."""
+    from perception.shipped import shipped_path
+
+    path = shipped_path(name)
+    return path if path.exists() else None
 
 
 def _built_in() -> dict[str, str]:

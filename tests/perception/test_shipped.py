@@ -8,7 +8,7 @@ import torch
 
 import perception
 from bev_driving_env.env import BEVTownEnv
-from bev_driving_env.sources.registry import bev_source_names
+from bev_driving_env.sources.registry import bev_source_names, source_file
 from perception import shipped
 from perception.weights import Predictor, load_predictor, predictor_card, save_predictor
 
@@ -21,6 +21,7 @@ def test_a_name_makes_the_source_of_its_weights(tiny_spec, tmp_path, monkeypatch
     save_predictor(predictor, shipped.shipped_path("tiny_one"))
     assert "tiny_one" in bev_source_names()
     assert shipped.tiny_one().predictor.card == {"steps": 1}
+    assert source_file("tiny_one") == shipped.shipped_path("tiny_one")
     with BEVTownEnv("Town02", bev_source="tiny_one") as env:
         assert env.reset(seed=0)[0]["bev"].shape == (6, 192, 192)
 
