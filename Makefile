@@ -42,7 +42,7 @@ splits: $(VENV)/.installed  ## Draw the val and test routes again, from their se
 
 pictures: $(VENV)/.installed  ## Draw the pictures of README and docs again
 	$(BIN)/python docs/draw_pictures.py
-	$(BIN)/python docs/draw_training.py
+	$(BIN)/python docs/draw_predictors.py
 
 # --editable, so that the sources in this folder are what runs
 $(VENV)/.installed: pyproject.toml constraints.txt
