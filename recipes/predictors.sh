@@ -27,19 +27,19 @@ kde=(--temper 0.5 --clip 5)
 ipm=(--preset ipm_unet --loss bce_dice --looks wild "${perturbed[@]}")
 train ipm_start "${ipm[@]}" --steps 4000 --validate-every 500
 ipm+=(--start "$runs/ipm_start/predictor.safetensors")
-ipm+=(--steps 4400 --validate-every 550 --learning-rate 1e-3)
+ipm+=(--steps 3600 --validate-every 450 --learning-rate 1e-3)
 train ipm_unet_kde "${ipm[@]}" --weighting kde+actors "${kde[@]}"
 train ipm_unet "${ipm[@]}"
 
 # the paper's systems: four Cross-View Transformers that go on from one and the same beginning
 train cvt_start --preset fast --loss bce_dice --steps 1600 --validate-every 400 "${smooth[@]}"
 cvt=(--preset fast --loss bce_dice --looks wild --start "$runs/cvt_start/predictor.safetensors")
-cvt+=(--steps 1200 --validate-every 300 --learning-rate 1e-3)
+cvt+=(--steps 900 --validate-every 300 --learning-rate 1e-3)
 train cvt_kde "${cvt[@]}" "${perturbed[@]}" --weighting kde "${kde[@]}"
 train cvt "${cvt[@]}" "${perturbed[@]}"
 train cvt_no_noise "${cvt[@]}" "${smooth[@]}"
 train cvt_3ch "${cvt[@]}" "${perturbed[@]}" --channels road route lane
 
 # those that are not given it, and the floor
-train unet --preset unet --loss bce_dice --looks wild --steps 1500 --validate-every 300 "${perturbed[@]}"
-train blind --preset blind --loss bce_dice --steps 1000 --validate-every 250 "${perturbed[@]}"
+train unet --preset unet --loss bce_dice --looks wild --steps 1200 --validate-every 300 "${perturbed[@]}"
+train blind --preset blind --loss bce_dice --steps 800 --validate-every 200 "${perturbed[@]}"
