@@ -18,7 +18,16 @@ if TYPE_CHECKING:
 
 __all__ = ["SOURCES", "SUFFIXES", "build_model", "channel_iou", "kde_weights", "load_source"]
 
-SHIPPED: tuple[str, ...] = ()
+SHIPPED: tuple[str, ...] = (
+    "cvt_kde",
+    "cvt",
+    "cvt_no_noise",
+    "cvt_3ch",
+    "unet",
+    "ipm_unet",
+    "ipm_unet_kde",
+    "blind",
+)
 """Predictors whose weights come with the package."""
 SOURCES: dict[str, str] = {name: f"perception.shipped:{name}" for name in SHIPPED}
 """BEV sources that come with the package: name, and ``"module:factory"`` of the source."""

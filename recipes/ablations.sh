@@ -8,7 +8,7 @@ given=("$@")
 train() {  # train NAME CHANGES...
     local name=$1; shift
     bev-perception train --preset fast --loss bce_dice --data data/town01 data/town01_dense \
-        --steps 200 --validate-every 100 --seed 0 --out "runs/ablations/$name" \
+        --steps 160 --validate-every 80 --seed 0 --out "runs/ablations/$name" \
         ${1:+--set "$@"} "${given[@]}"
 }
 

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from benchmarks import speed, speed_policy
+from benchmarks import speed, speed_policy, speed_predictors
 from benchmarks.cli import main
 from benchmarks.speed import Figure
 from benchmarks.speed_command import as_table
@@ -36,6 +36,8 @@ def test_speed_measures_everything_and_writes_it_with_provenance(tmp_path, monke
     )
     monkeypatch.setattr(speed_policy, "WORLDS", 2)
     monkeypatch.setattr(speed_policy, "BATCH", 2)
+    monkeypatch.setattr(speed_predictors, "WORLDS", 2)
+    monkeypatch.setattr(speed_predictors, "preset_ms", lambda *_: 900.0)
     out = tmp_path / "speed.json"
     assert main(["speed", "--rounds", "1", "--seconds", "0.01", "--out", str(out)]) == 0
     printed = capsys.readouterr().out
@@ -46,7 +48,7 @@ def test_speed_measures_everything_and_writes_it_with_provenance(tmp_path, monke
     single = values["BEVTown01-v0, ground-truth BEV, one env"]
     highway = values["highway-env intersection-v2, 192 x 192 gray"]
     assert abs(values["one env / intersection-v2"] / (single / highway) - 1.0) < 1e-6
-    for measured in ("collecting", "four cameras at 112 x 240", "bc, one observation", "training"):
+    for measured in ("collecting", "four cameras at 112 x 240", "bc, one observation", "cvt_kde"):
         assert any(measured in name for name in values)
     assert content["provenance"]["command"].startswith("bev-bench speed")
 
