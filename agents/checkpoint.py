@@ -45,7 +45,7 @@ def save_weights(policy: BetaPolicy, path: str | Path, card: Mapping[str, Any]) 
         card: Anything about it that JSON can hold.
 
     Raises:
-        ValueError: A weight is not finite in half precision.
+        ValueError: A weight is not finite.
         TypeError: The card holds something that JSON cannot.
     """
     header = {

@@ -33,19 +33,21 @@ def write_weights(
         kind: Key of the header, such as ``"bevtown_policy"``.
         version: Of the header.
         header: Anything that JSON can hold.
-        tensors: The weights by name; those of whole numbers are kept as they are.
+        tensors: The weights by name; those of whole numbers are kept as they are, those that half
+            precision cannot hold, such as a large variance, in single precision.
 
     Raises:
-        ValueError: A weight is not finite in half precision.
+        ValueError: A weight is not finite.
         TypeError: The header holds something that JSON cannot.
     """
     halves: dict[str, Tensor] = {}
     for name, value in tensors.items():
         kept = value.detach().cpu().contiguous()
         if kept.is_floating_point():
-            kept = kept.to(torch.float16)
             if not torch.isfinite(kept).all():
-                raise ValueError(f"{name} holds values that are not finite in half precision")
+                raise ValueError(f"{name} holds values that are not finite")
+            half = kept.to(torch.float16)
+            kept = half if torch.isfinite(half).all() else kept.to(torch.float32)
         halves[name] = kept
     text = json.dumps({"version": version, **header}, allow_nan=False)
     write_bytes(path, as_safetensors(halves, metadata={kind: text}))

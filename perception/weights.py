@@ -74,7 +74,7 @@ def save_predictor(predictor: Predictor, path: str | Path) -> None:
     """Write a predictor; an interruption leaves no half file.
 
     Raises:
-        ValueError: A weight is not finite in half precision.
+        ValueError: A weight is not finite.
         TypeError: The card holds something that JSON cannot.
     """
     header = {

@@ -37,7 +37,13 @@ def test_python_block_runs_as_written(number, tmp_path):
     run([sys.executable, "-c", BLOCKS[number]], tmp_path)
 
 
-LONG = ("--suite town", "examples.my_predictor", "--agent runs/bc", "--agent bc ")
+LONG = (
+    "--suite town",
+    "--bev ipm_unet_kde",
+    "examples.my_predictor",
+    "--agent runs/bc",
+    "--agent bc ",
+)
 """What takes long in a line, and is tested elsewhere on less."""
 
 

@@ -89,11 +89,20 @@ def test_loaded_weights_start_reinforcement_learning(policy, path, env):
     assert torch.equal(other.action_net.alpha.weight, policy.action_net.alpha.weight.half().float())
 
 
-def test_weights_that_half_precision_cannot_hold_are_not_written(env, tmp_path):
+def test_weights_that_half_precision_cannot_hold_are_kept_in_single(env, tmp_path):
+    large = BetaPolicy(env.observation_space, env.action_space, lambda _: 1e-3)
+    with torch.no_grad():
+        large.action_net.beta.bias[:] = 123_456.7
+    save_weights(large, tmp_path / "large.safetensors", {})
+    loaded = load_weights(tmp_path / "large.safetensors")
+    assert torch.equal(loaded.action_net.beta.bias, large.action_net.beta.bias)
+
+
+def test_weights_that_are_not_finite_are_not_written(env, tmp_path):
     broken = BetaPolicy(env.observation_space, env.action_space, lambda _: 1e-3)
     with torch.no_grad():
-        broken.action_net.beta.bias[0] = 1e6
-    with pytest.raises(ValueError, match=r"head\.beta\.bias .*not finite in half precision"):
+        broken.action_net.beta.bias[0] = float("inf")
+    with pytest.raises(ValueError, match=r"head\.beta\.bias .*not finite"):
         save_weights(broken, tmp_path / "broken.safetensors", {})
     assert list(tmp_path.iterdir()) == []
 
