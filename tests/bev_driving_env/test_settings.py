@@ -117,5 +117,5 @@ def test_the_bev_geometry_may_be_changed(bev):
 def test_both_environments_take_the_same_keywords():
     with pytest.raises(TypeError, match="did you mean 'traffic'"):
         bev_driving_env.BEVTownVectorEnv(2, trafic="none")
-    with pytest.raises(ValueError, match=r"'cvt'.*ground_truth"):
-        bev_driving_env.BEVTownVectorEnv(2, bev_source="cvt")
+    with pytest.raises(ValueError, match=r"'cvt_9000'.*ground_truth"):
+        bev_driving_env.BEVTownVectorEnv(2, bev_source="cvt_9000")
