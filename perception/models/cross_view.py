@@ -8,12 +8,15 @@ the tied embeddings of :mod:`perception.models.position` need to start as a geom
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import torch
 from torch import Tensor, nn
 
 from .joint_attention import joint_attention, joint_weights
 from .position import FourierPosition, LinearPosition, grid_points, unproject
+
+Embeddings = tuple[Tensor, Tensor]
 
 QUERY_GATE, KEY_GATE = 0.0074, 0.018
 """How much of the BEV state and of the image feature the tied embeddings start with; more would
@@ -30,6 +33,14 @@ def start_temperature(positions: str, stride: int) -> float:
     if positions == "fourier":
         return TEMPERATURE_FOURIER
     return TEMPERATURE_TIED * (16.0 / stride) ** math.log2(96.0 / 60.0)
+
+
+class _Kept(NamedTuple):
+    """Embeddings, and what they follow from; weights are held so that no other has their id."""
+
+    key: object
+    weights: tuple[nn.Parameter, ...]
+    embeddings: Embeddings
 
 
 class CrossView(nn.Module):
@@ -70,6 +81,7 @@ class CrossView(nn.Module):
             "pixels", grid_points(feature_size, image_size, grids), persistent=False
         )
         self.register_buffer("cells", cells, persistent=False)
+        self._kept: _Kept | None = None
         self.position: LinearPosition | FourierPosition
         if positions == "fourier":
             self.position = FourierPosition(heads, head_dim)
@@ -131,13 +143,7 @@ class CrossView(nn.Module):
         self, tokens: Tensor, feature: Tensor, intrinsics: Tensor, ego_from_camera: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Queries (B, N, H, Q, D) and keys (B, N, H, K, D); ``scale`` times products are logits."""
-        # bfloat16 would lose the pixel among its neighbours
-        with torch.autocast(tokens.device.type, enabled=False):
-            of_pixels, of_cells = self.position(
-                unproject(self.pixels, intrinsics, ego_from_camera),
-                ego_from_camera[..., 3],
-                self.cells,
-            )
+        of_pixels, of_cells = self._kept_positions(intrinsics, ego_from_camera)
         state = tokens.unsqueeze(1)  # (B, 1, Q, C)
         content = _tokens(self.key_feature(feature), len(tokens))  # (B, N, K, C)
         if self.geometric:
@@ -145,6 +151,30 @@ class CrossView(nn.Module):
             content = content * self.log_key_gate.exp()
         key = self._split(self.to_k(of_pixels + content))
         return self._split(self._query(of_cells + state)), key
+
+    def _kept_positions(self, intrinsics: Tensor, ego_from_camera: Tensor) -> Embeddings:
+        """``_positions``; those of the last rig are kept while nothing is learned."""
+        if not torch.is_inference_mode_enabled() or self.position.bev_embed.weight.is_inference():
+            return self._positions(intrinsics, ego_from_camera)
+        # weights may be loaded or moved between two calls
+        weights = tuple(self.position.parameters())
+        states = [(id(weight), weight._version, weight.dtype) for weight in weights]
+        rig = [tensor.numpy(force=True).tobytes() for tensor in (intrinsics, ego_from_camera)]
+        key = (states, rig, intrinsics.shape, self.cells.device)
+        if self._kept is None or self._kept.key != key:
+            embeddings = self._positions(intrinsics, ego_from_camera)
+            self._kept = _Kept(key, weights, embeddings)
+        return self._kept.embeddings
+
+    def _positions(self, intrinsics: Tensor, ego_from_camera: Tensor) -> Embeddings:
+        """Embeddings of pixels (B, N, K, C) and of cells (B, N, Q, C)."""
+        # bfloat16 would lose the pixel among its neighbours
+        with torch.autocast(self.cells.device.type, enabled=False):
+            return self.position(
+                unproject(self.pixels, intrinsics, ego_from_camera),
+                ego_from_camera[..., 3],
+                self.cells,
+            )
 
     def _query(self, cells: Tensor) -> Tensor:
         """Queries (B, N, Q, C), as warm as the temperature says."""

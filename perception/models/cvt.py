@@ -52,8 +52,8 @@ class CrossViewTransformer(nn.Module):
         }
         mean, std = torch.tensor(IMAGENET_MEAN), torch.tensor(IMAGENET_STD)
         buffers = {
-            "pixel_scale": (1.0 / (255.0 * std))[:, None, None],
-            "pixel_shift": (-mean / std)[:, None, None],
+            "pixel_scale": 1.0 / (255.0 * std),
+            "pixel_shift": -mean / std,
             "overhead": overhead_pose(),
         }
         for name, value in buffers.items():
@@ -110,14 +110,14 @@ class CrossViewTransformer(nn.Module):
         """
         self._check(inputs)
         intrinsics, extrinsics = inputs["intrinsics"].float(), inputs["extrinsics"].float()
-        images = inputs["images"].permute(0, 1, 4, 2, 3).float()  # (B, N, 3, H, W)
+        images = inputs["images"]  # (B, N, H, W, 3)
         if self.config.route_map == "camera":
             shown = self._shown_to_camera(inputs["route_map"]).unsqueeze(1)
-            images = torch.cat([images, shown], 1)
+            images = torch.cat([images.float(), shown], 1)
             intrinsics = torch.cat([intrinsics, intrinsics[:, -1:]], 1)
             invented = self.overhead.expand(len(extrinsics), 1, 4, 4)
             extrinsics = torch.cat([extrinsics, invented], 1)
-        features = self.trunk(self._normalised(images.flatten(0, 1)))
+        features = self.trunk(self._normalised(images.flatten(0, 1)))  # (B * N, F, h, w) each
         ego_from_camera = torch.linalg.inv(extrinsics)
 
         bev_features: tuple[Tensor, ...] = ()
@@ -132,16 +132,20 @@ class CrossViewTransformer(nn.Module):
         return self.decoder(state, bev_features)
 
     def _normalised(self, images: Tensor) -> Tensor:
-        """Images (B, 3, H, W) in 0..255 as the trunks of ImageNet know them, channels last."""
-        images = torch.addcmul(self.pixel_shift, images, self.pixel_scale)
-        return images.contiguous(memory_format=torch.channels_last)
+        """Images (B, H, W, 3) in 0..255 as the trunks of ImageNet know them.
+
+        They come out as (B, 3, H, W), channels last, as they lay in memory before: nothing is
+        moved about.
+        """
+        floats = torch.addcmul(self.pixel_shift, images.float(), self.pixel_scale)
+        return floats.permute(0, 3, 1, 2)
 
     def _shown_to_camera(self, route_map: Tensor) -> Tensor:
-        """The route map (B, S, S) as an image (B, 3, H, W) of three equal channels."""
+        """The route map (B, S, S) as an image (B, H, W, 3) of three equal channels."""
         image = nn.functional.interpolate(
             route_map.unsqueeze(1).float(), self.config.image_size, mode="bilinear"
         )
-        return image.expand(-1, 3, -1, -1)
+        return image.squeeze(1).unsqueeze(-1).expand(-1, -1, -1, 3)
 
     def _rasters(self, inputs: Inputs) -> Tensor:
         """Inputs in the BEV frame (B, C, S, S)."""
@@ -149,7 +153,7 @@ class CrossViewTransformer(nn.Module):
         if self.config.route_map == "bev":
             rasters.append(inputs["route_map"].unsqueeze(1).float() / 255.0)
         if self.config.ground_skip:
-            rasters.append(self._normalised(inputs["ground"].permute(0, 3, 1, 2).float()))
+            rasters.append(self._normalised(inputs["ground"]))
         return torch.cat(rasters, 1).contiguous(memory_format=torch.channels_last)
 
     def _check(self, inputs: Inputs) -> None:

@@ -98,3 +98,33 @@ def test_denser_keys_start_sharper():
 
 def test_a_bottleneck_is_a_quarter_as_wide_inside():
     assert sum(p.numel() for p in Bottleneck(128).parameters()) * 2 == 35_584
+
+
+@pytest.mark.parametrize("positions", ["independent", "fourier"])
+@pytest.mark.parametrize("change", ["nothing", "weights", "rig"])
+def test_positions_kept_between_frames_follow_weights_and_rig(positions, change):
+    block = cross_view(positions)
+    state, feature, intrinsics, pose = given()
+    with torch.inference_mode():
+        first = block(state, feature, intrinsics, pose)
+    if change == "weights":
+        torch.manual_seed(2)
+        weights = {name: torch.randn_like(w) for name, w in block.position.state_dict().items()}
+        block.position.load_state_dict(weights)
+    elif change == "rig":
+        pose = pose.clone()
+        pose[0, 0, 2, 3] += 1.0
+    with torch.inference_mode():
+        again = block(state, feature, intrinsics, pose)
+    with torch.no_grad():
+        expected = block(state, feature, intrinsics, pose)  # works everything out anew
+    torch.testing.assert_close(again, expected, rtol=0, atol=0)
+    assert torch.equal(again, first) == (change == "nothing")
+
+
+def test_training_works_positions_out_at_every_step():
+    block = cross_view("fourier")
+    with torch.inference_mode():
+        block(*given())
+    block(*given()).sum().backward()
+    assert block.position.bev_embed.weight.grad.abs().sum() > 0.0
