@@ -10,10 +10,11 @@ import gymnasium as gym
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from torch import Tensor
 
 from bev_driving_env.training.threads import one_thread
 
-from .beta import beta_mean, beta_mode
+from .beta import beta_kl, beta_mean, beta_mode
 from .checkpoint import load_weights
 from .policy import BetaPolicy
 
@@ -50,10 +51,8 @@ class BetaAgent:
 
     def act(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
         """The action (2,) for ``bev`` (C, S, S) and ``measurements`` (3,)."""
-        bev = torch.as_tensor(observation["bev"][None], device=self._device)
-        measured = torch.as_tensor(observation["measurements"][None], device=self._device)
         with one_thread(), torch.inference_mode():
-            alpha, beta = (part[0].cpu() for part in self._actor(bev, measured))
+            alpha, beta = self._heads(observation)
             if self.answer == "mode":
                 return beta_mode(alpha, beta).numpy()
             if self.answer == "mean":
@@ -61,6 +60,23 @@ class BetaAgent:
         # the agent's own generator: torch's is shared with whatever else runs in this process
         drawn = self._rng.beta(alpha.double().numpy(), beta.double().numpy())
         return (2.0 * drawn - 1.0).astype(np.float32)
+
+    def divergence(
+        self, observation: Mapping[str, NDArray[Any]], other: Mapping[str, NDArray[Any]]
+    ) -> float:
+        """How far its answer to another observation is from that to this one, in nats.
+
+        The Kullback-Leibler divergence of the Beta distributions, summed over both actions.
+        """
+        with one_thread(), torch.inference_mode():
+            return float(beta_kl(*self._heads(observation), *self._heads(other)))
+
+    def _heads(self, observation: Mapping[str, NDArray[Any]]) -> tuple[Tensor, Tensor]:
+        """Concentrations (2,) and (2,) of the answer to an observation."""
+        bev = torch.as_tensor(observation["bev"][None], device=self._device)
+        measured = torch.as_tensor(observation["measurements"][None], device=self._device)
+        alpha, beta = self._actor(bev, measured)
+        return alpha[0].cpu(), beta[0].cpu()
 
 
 def load_beta_agent(path: Path, env: gym.Env[Any, Any], answer: str | None = None) -> BetaAgent:

@@ -6,18 +6,19 @@ import contextlib
 import functools
 import traceback
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
 
 from agents import Agent, make_agent
-from bev_driving_env.env import BEVTownEnv
+from bev_driving_env.env import BEVTownEnv, Observation
 from bev_driving_env.info import episode_summary
 
 from .driving_score import count_infractions, driving_score, infraction_penalty
+from .online import OnlineRecorder, summary
 from .suites import Conditions, Job
 from .video import VideoWriter
 
@@ -46,6 +47,8 @@ class EpisodeResult:
         events: All infractions in order, each a dict with the fields of ``InfractionEvent``.
         travelled_m: Metres driven, on the route or not.
         outside_m: How many of them were off the road or against the lane's direction.
+        online: What the policy's BEV was worth on the way, see ``online.summary``; None if it
+            was not looked at.
     """
 
     job: Job
@@ -66,6 +69,7 @@ class EpisodeResult:
     events: tuple[dict[str, Any], ...]
     travelled_m: float
     outside_m: float
+    online: dict[str, Any] | None = None
 
     @property
     def clean(self) -> bool:
@@ -117,23 +121,30 @@ class EpisodeResult:
         )
 
 
-def drive(job: Job, video: Path | None = None) -> EpisodeResult:
+def drive(job: Job, video: Path | None = None, moments: Path | None = None) -> EpisodeResult:
     """Drive one episode; a failure of the agent or the BEV source ends it and is reported.
 
     Args:
         job: What to drive.
         video: MP4 file to write, or None.
+        moments: ``.npz`` file for what the policy's BEV was worth at each moment, see
+            ``online.OnlineMetrics``; None does not look.
     """
     env = _env(job.town, job.bev, job.appearance, job.conditions)
     trajectory: list[tuple[float, float]] = []
     error = failure = ""
+    recorder: OnlineRecorder | None = None
     with contextlib.ExitStack() as stack:
         film = video and stack.enter_context(VideoWriter(video, env.metadata["render_fps"]))
         steps = _drive_steps(env, job)
         while True:
             try:
-                if next(steps, "ended") == "ended":
+                moment = next(steps, None)
+                if moment is None:
                     break
+                if moments:
+                    recorder = recorder or OnlineRecorder(env, moment.agent)
+                    recorder.note(moment.observation)
             except (Exception, SystemExit) as failed:  # a foreign driver's belong in its row
                 error = traceback.format_exc()
                 failure = f"{type(failed).__name__}: {str(failed).partition(chr(10))[0]}"
@@ -141,7 +152,12 @@ def drive(job: Job, video: Path | None = None) -> EpisodeResult:
             trajectory.append(env.ego_pose[:2])
             if film:
                 film.add(env.draw())
-    return _result(env, job, trajectory, failure, error)
+    result = _result(env, job, trajectory, failure, error)
+    if moments and recorder:
+        metrics = recorder.metrics()
+        metrics.save(moments)
+        return replace(result, online=summary(metrics))
+    return result
 
 
 def never_driven(job: Job, failure: str) -> EpisodeResult:
@@ -192,17 +208,24 @@ def _result(
     )
 
 
-def _drive_steps(env: BEVTownEnv, job: Job) -> Iterator[None]:
+class Moment(NamedTuple):
+    """The start of an episode, or what a step led to."""
+
+    observation: Observation
+    agent: Agent
+
+
+def _drive_steps(env: BEVTownEnv, job: Job) -> Iterator[Moment]:
     """Drive an episode to its end, pausing at the start and after each step."""
     observation, _ = env.reset(seed=job.seed, options=job.options)
     agent: Agent = make_agent(job.agent, env)
     agent.reset(job.seed)
     ended = False
-    yield
+    yield Moment(observation, agent)
     while not ended:
         observation, _, terminated, truncated, _ = env.step(agent.act(observation))
         ended = terminated or truncated
-        yield
+        yield Moment(observation, agent)
 
 
 @functools.lru_cache(maxsize=4)

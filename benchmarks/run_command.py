@@ -18,6 +18,7 @@ from bev_driving_env.command_line import UsageError
 from bev_driving_env.env import BEVTownEnv
 from bev_driving_env.files import write_bytes, write_json, write_text
 from bev_driving_env.provenance import file_hash, git_commit, provenance
+from bev_driving_env.sources.expressions import sources_of
 from bev_driving_env.sources.registry import bev_source_names, source_file
 from bev_driving_env.towns.registry import town_names
 from bev_driving_env.world.traffic import PRESETS
@@ -186,7 +187,7 @@ def agent_hashes(specs: Sequence[str]) -> dict[str, str]:
 
 def source_hashes(specs: Sequence[str]) -> dict[str, str]:
     """Hash of the file that each BEV source which is not built in comes from."""
-    files = {spec: source_file(spec) for spec in specs}
+    files = {name: source_file(name) for spec in specs for name in sources_of(spec)}
     return {spec: file_hash(path) for spec, path in files.items() if path is not None}
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
@@ -20,8 +20,33 @@ from .errors import OtherRunError
 from .suites import Job
 
 
+class Keepsakes(NamedTuple):
+    """What is kept of an episode beside its result; None for what is not.
+
+    Attributes:
+        video: MP4 file.
+        moments: ``.npz`` file of what the policy's BEV was worth, see ``online.OnlineMetrics``.
+    """
+
+    video: Path | None = None
+    moments: Path | None = None
+
+    def are_missing(self) -> bool:
+        """Whether one of them is not there."""
+        return any(path is not None and not path.exists() for path in self)
+
+
+NOTHING = Keepsakes()
+Task = tuple[Job, Keepsakes]
+
+
 def run_jobs(
-    jobs: Sequence[Job], out: Path, workers: int, *, videos: bool = False
+    jobs: Sequence[Job],
+    out: Path,
+    workers: int,
+    *,
+    videos: bool = False,
+    moments: bool = False,
 ) -> list[EpisodeResult]:
     """Drive all jobs that have no result yet, and return the results of all.
 
@@ -31,14 +56,22 @@ def run_jobs(
         workers: Processes to use; with 1 the episodes are driven in this one.
         videos: Also write an MP4 of each episode to the ``videos`` folder; an episode without one
             is driven again.
+        moments: Also look at the policy's BEV at every step, and write what it was worth to the
+            ``moments`` folder; likewise.
 
     Returns:
         Results in the order of the jobs.
     """
     folder = out / "episodes"
     results = {job: read_result(folder, job) for job in jobs}
-    films = {job: out / "videos" / f"{job.key}.mp4" if videos else None for job in jobs}
-    missing = [(job, film) for job, film in films.items() if _is_missing(results[job], film)]
+    wanted = {
+        job: Keepsakes(
+            out / "videos" / f"{job.key}.mp4" if videos else None,
+            out / "moments" / f"{job.key}.npz" if moments else None,
+        )
+        for job in jobs
+    }
+    missing = [(job, kept) for job, kept in wanted.items() if _is_missing(results[job], kept)]
     kept = len(jobs) - len(missing)
     with tqdm(total=len(jobs), initial=kept, unit="episode", desc="driving") as bar:
         for result in _drive_all(missing, folder, workers):
@@ -47,19 +80,15 @@ def run_jobs(
     return [result for result in results.values() if result is not None]
 
 
-def _is_missing(result: EpisodeResult | None, film: Path | None) -> bool:
-    """Whether an episode is to be driven; one that failed at once leaves no film."""
-    if result is None or film is None:
-        return result is None
-    return not film.exists() and not result.error
+def _is_missing(result: EpisodeResult | None, wanted: Keepsakes) -> bool:
+    """Whether an episode is to be driven; one that failed at once leaves nothing else."""
+    return result is None or (wanted.are_missing() and not result.error)
 
 
-def _drive_all(
-    jobs: Sequence[tuple[Job, Path | None]], folder: Path, workers: int
-) -> Iterator[EpisodeResult]:
+def _drive_all(jobs: Sequence[Task], folder: Path, workers: int) -> Iterator[EpisodeResult]:
     if workers == 1 or len(jobs) <= 1:
-        for job, film in jobs:
-            yield drive_and_keep(job, folder, film)
+        for job, wanted in jobs:
+            yield drive_and_keep(job, folder, wanted)
         return
     left = dict(jobs)
     try:
@@ -69,13 +98,11 @@ def _drive_all(
     except BrokenProcessPool:
         # a driver or predictor brought its process down, and the others' with it: one at a time,
         # so that it is known which
-        for job, film in left.items():
-            yield _drive_apart(job, folder, film)
+        for job, wanted in left.items():
+            yield _drive_apart(job, folder, wanted)
 
 
-def _drive_in_pool(
-    jobs: Sequence[tuple[Job, Path | None]], folder: Path, workers: int
-) -> Iterator[EpisodeResult]:
+def _drive_in_pool(jobs: Sequence[Task], folder: Path, workers: int) -> Iterator[EpisodeResult]:
     # spawned, not forked: the parent may hold threads (progress bar, numerical libraries)
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(
@@ -83,7 +110,7 @@ def _drive_in_pool(
     )
     others = set(multiprocessing.active_children())
     try:
-        futures = [pool.submit(drive_and_keep, job, folder, film) for job, film in jobs]
+        futures = [pool.submit(drive_and_keep, job, folder, wanted) for job, wanted in jobs]
         for future in as_completed(futures):
             yield future.result()
     except BaseException:
@@ -95,13 +122,13 @@ def _drive_in_pool(
     pool.shutdown()
 
 
-def _drive_apart(job: Job, folder: Path, film: Path | None) -> EpisodeResult:
+def _drive_apart(job: Job, folder: Path, wanted: Keepsakes) -> EpisodeResult:
     """Drive a job in a process of its own; if that dies, the episode has failed."""
     result = read_result(folder, job)
-    if result is not None and not _is_missing(result, film):
+    if result is not None and not _is_missing(result, wanted):
         return result  # it was finished, and its process died over the next one
     try:
-        (result,) = _drive_in_pool([(job, film)], folder, 1)
+        (result,) = _drive_in_pool([(job, wanted)], folder, 1)
     except BrokenProcessPool:
         failure = "the process that drove this episode died (see its output above, if there is any)"
         result = never_driven(job, failure)
@@ -109,9 +136,9 @@ def _drive_apart(job: Job, folder: Path, film: Path | None) -> EpisodeResult:
     return result
 
 
-def drive_and_keep(job: Job, folder: Path, film: Path | None = None) -> EpisodeResult:
-    """Drive one job and write its result, and its video if asked for."""
-    result = drive(job, film)
+def drive_and_keep(job: Job, folder: Path, wanted: Keepsakes = NOTHING) -> EpisodeResult:
+    """Drive one job and write its result, and what else is wanted of it."""
+    result = drive(job, *wanted)
     _keep(result, folder)
     return result
 

@@ -25,7 +25,6 @@ from .iou_counts import IoUCounts, iou_counts, range_bands
 from .places import Places, log_places
 from .predicting import in_order, predicted
 
-PLACES = ("all", "straight", "critical", "turn")
 BAND_EDGES_M = (10.0, 20.0)
 BANDS = ("0-10 m", "10-20 m", "over 20 m")
 THRESHOLD = 0.5
@@ -81,10 +80,7 @@ class Evaluation:
 
     def chosen(self, place: str) -> NDArray[np.bool_]:
         """Which frames (F,) were taken at a kind of place, one of ``PLACES``."""
-        if place == "all":
-            return np.ones(len(self), np.bool_)
-        mask: NDArray[np.bool_] = getattr(self.places, place)
-        return mask
+        return self.places.chosen(place)
 
     def iou(self, place: str = "all", band: int | None = None) -> dict[str, float]:
         """Dataset-level IoU of each channel.

@@ -14,8 +14,9 @@ from bev_driving_env.frames import CHANNELS
 from bev_driving_env.markdown import markdown
 
 from . import SUFFIXES
-from .evaluation import BANDS, PLACES, Evaluation
+from .evaluation import BANDS, Evaluation
 from .evaluation_frames import CHANGES
+from .places import PLACES
 
 NOTHING = "-"
 MEANS = {"Mean 0-2": CHANNELS[:3], "Mean 3-5": CHANNELS[3:]}

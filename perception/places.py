@@ -13,6 +13,8 @@ from bev_driving_env.logs.drive_log import DriveLog
 from bev_driving_env.towns.compiled import CompiledTown
 from bev_driving_env.towns.route import TURN_RAD, lane_offsets, turn_letter
 
+PLACES = ("all", "straight", "critical", "turn")
+"""Kinds of places: straight is what is not critical, and turns are critical."""
 AHEAD_M = 20.0
 """A place ahead is critical from so many metres before it."""
 _ROUTE_POSITION = 6
@@ -50,6 +52,13 @@ class Places:
     def straight(self) -> NDArray[np.bool_]:
         """(n,) bool: all other frames."""
         return ~self.critical
+
+    def chosen(self, place: str) -> NDArray[np.bool_]:
+        """Which frames (n,) were taken at a kind of place, one of ``PLACES``."""
+        if place == "all":
+            return np.ones(len(self.critical), np.bool_)
+        mask: NDArray[np.bool_] = getattr(self, place)
+        return mask
 
 
 def stretches(town: CompiledTown, lanes: Sequence[int], start_m: float) -> Stretches:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ..frames import CHANNELS, BEVGeometry
 from .checked import one_line, predict, predict_batch
 from .corrupted import CorruptedBEV
+from .expressions import is_mixture, mixture
 from .ground_truth import GroundTruth
 from .protocol import BatchedBEVSource, BEVSourceError, PrivilegedSource, SensorFrame
 from .registry import make_bev_source, source_name
@@ -135,6 +136,8 @@ class PolicyView:
 
     def __init__(self, spec: Spec, worlds: int, geometry: BEVGeometry) -> None:
         size = geometry.size
+        if is_mixture(spec):
+            spec = mixture(spec)
         by_channel = channel_specs(spec)
         asked = set(spec) if isinstance(spec, Mapping) else set()
         self._feeds: list[_Feed] = []

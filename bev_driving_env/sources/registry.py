@@ -11,9 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from .checked import checked_channels, one_line
+from .expressions import corruption, is_corruption
 from .protocol import BEVSource, PrivilegedSource
 
-FORMS = "'module:factory', or the path of a checkpoint"
+FORMS = (
+    "'module:factory', or the path of a checkpoint; SOURCE~MODEL=DOSE for one behind error models"
+)
 
 _BUILT_IN = {
     "ground_truth": "bev_driving_env.sources.ground_truth:GroundTruth",
@@ -149,9 +152,19 @@ def _made(spec: str | Path) -> Any:
         import perception
 
         return _called(str(spec), lambda: perception.load_source(Path(spec)))
+    if is_corruption(spec):
+        return _called(str(spec), lambda: _corrupted(str(spec)))
     if isinstance(spec, str) and re.fullmatch(r"[^:]+:[^:]+", spec):
         return _called(spec, _loaded(spec, spec))
     raise ValueError(_unknown(str(spec)))
+
+
+def _corrupted(text: str) -> Any:
+    from .corrupted import CorruptedBEV  # which makes its own source by this module
+
+    parts = corruption(text)
+    doses: dict[str, Any] = dict(parts.doses)
+    return CorruptedBEV(parts.source, channels=parts.channels, **doses)
 
 
 def _loaded(spec: str, target: str) -> Any:

@@ -54,6 +54,7 @@ def make_result() -> Callable[..., EpisodeResult]:
             "events": [],
             "travelled_m": 100.0,
             "outside_m": 0.0,
+            "online": None,
         }
         return EpisodeResult.from_dict({**row, **changes})
 

@@ -1,0 +1,168 @@
+"""What the policy's BEV was worth while it drove: IoU and policy divergence at every step.
+
+Open-loop evaluation looks at frames of the expert's drives. Here the frames are those that the
+policy itself came to, with all that its own mistakes led to.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bev_driving_env.env import BEVTownEnv
+from bev_driving_env.files import write_bytes
+from bev_driving_env.frames import CHANNELS
+from bev_driving_env.kernels.layout import ROUTE_DONE
+from perception.iou_counts import IoUCounts, iou_counts
+from perception.places import PLACES, Places, places_along, stretches
+
+OCCUPIED = 0.5
+"""Least probability of a pixel that counts as occupied, in the policy's BEV too."""
+
+
+@runtime_checkable
+class Explaining(Protocol):
+    """An agent that can tell how its answer would differ for another observation."""
+
+    def divergence(self, observation: dict[str, Any], other: dict[str, Any]) -> float:
+        """Divergence of its answer to one observation from that to another."""
+
+
+@dataclass(frozen=True, eq=False)
+class OnlineMetrics:
+    """T moments of a drive: the start, and after each step.
+
+    Attributes:
+        route_m: (T,) route metres driven.
+        places: What kind of place each moment was at.
+        counts: Pixels of the policy's BEV against the truth, T frames, one region, six channels.
+        divergence: (T,) of the policy's answer to the truth from that to its BEV, in nats
+            (Kullback-Leibler); NaN for agents that give none.
+    """
+
+    route_m: NDArray[np.float64]
+    places: Places
+    counts: IoUCounts
+    divergence: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.route_m)
+
+    def iou(self, place: str = "all") -> dict[str, float]:
+        """IoU of each channel over all moments at a kind of place; NaN for empty channels.
+
+        Args:
+            place: One of ``PLACES``.
+        """
+        values = self.counts.subset(self.places.chosen(place)).dataset_iou()[:, 0]
+        return dict(zip(CHANNELS, values.tolist(), strict=True))
+
+    def step_iou(self) -> NDArray[np.float64]:
+        """IoU (T, 6) of each moment and channel; NaN where there is nothing to see."""
+        return self.counts.frame_iou()[:, :, 0]
+
+    def mean_divergence(self, place: str = "all") -> float:
+        """Mean divergence at a kind of place; NaN if there is none."""
+        known = self.divergence[self.places.chosen(place)]
+        known = known[np.isfinite(known)]
+        return float(known.mean()) if len(known) else float("nan")
+
+    def save(self, path: Path) -> None:
+        """Write to an ``.npz`` file, which appears when all is written."""
+        buffer = io.BytesIO()
+        np.savez_compressed(
+            buffer,
+            route_m=self.route_m,
+            critical=self.places.critical,
+            turn=self.places.turn,
+            hits=self.counts.hits,
+            predicted=self.counts.predicted,
+            actual=self.counts.actual,
+            divergence=self.divergence,
+        )
+        write_bytes(path, buffer.getvalue())
+
+    @classmethod
+    def load(cls, path: Path) -> OnlineMetrics:
+        """Read what :meth:`save` wrote.
+
+        Raises:
+            ValueError: The file holds something else.
+        """
+        try:
+            with np.load(path) as kept:
+                counts = IoUCounts(
+                    np.full((len(CHANNELS), 1), OCCUPIED),
+                    kept["hits"],
+                    kept["predicted"],
+                    kept["actual"],
+                )
+                places = Places(kept["critical"], kept["turn"])
+                return cls(kept["route_m"], places, counts, kept["divergence"])
+        except (KeyError, OSError, ValueError) as error:
+            raise ValueError(f"{path} holds no online metrics: {error}") from error
+
+
+def summary(metrics: OnlineMetrics) -> dict[str, Any]:
+    """IoU by place and channel and mean divergence by place, JSON-ready: None for NaN."""
+    return {
+        place: {
+            "moments": int(metrics.places.chosen(place).sum()),
+            "iou": {name: _known(value) for name, value in metrics.iou(place).items()},
+            "divergence": _known(metrics.mean_divergence(place)),
+        }
+        for place in PLACES
+    }
+
+
+def _known(value: float) -> float | None:
+    return round(value, 5) if math.isfinite(value) else None
+
+
+class OnlineRecorder:
+    """Notes a drive's moments as they come.
+
+    Args:
+        env: The environment.
+        agent: Whoever drives; its divergence is taken if it knows one.
+    """
+
+    def __init__(self, env: BEVTownEnv, agent: object) -> None:
+        self._env = env
+        self._agent = agent if isinstance(agent, Explaining) else None
+        self._route_m: list[float] = []
+        self._counts: list[IoUCounts] = []
+        self._divergence: list[float] = []
+
+    def note(self, observation: dict[str, Any]) -> None:
+        """Compare what the policy is shown at this moment with the truth."""
+        env, bev = self._env, observation["bev"]
+        truth = env.ground_truth_bev()
+        self._route_m.append(float(env.world.state.progress[0, ROUTE_DONE]))
+        self._counts.append(iou_counts(bev[None], truth[None], [OCCUPIED]))
+        divergence = float("nan")
+        if self._agent is not None:
+            divergence = 0.0
+            if not np.array_equal(bev, truth):
+                divergence = self._agent.divergence({**observation, "bev": truth}, observation)
+        self._divergence.append(divergence)
+
+    def metrics(self) -> OnlineMetrics:
+        """All that was noted.
+
+        Raises:
+            ValueError: Nothing was.
+        """
+        if not self._route_m:
+            raise ValueError("nothing was noted: call note() at the start and after each step")
+        route, town = self._env.route, self._env.world.town
+        route_m = np.array(self._route_m)
+        places = places_along(route_m, stretches(town, route.lanes, route.start_m))
+        divergence = np.array(self._divergence, np.float32)
+        return OnlineMetrics(route_m, places, IoUCounts.merged(self._counts), divergence)
