@@ -130,7 +130,7 @@ def drive(job: Job, video: Path | None = None, moments: Path | None = None) -> E
         moments: ``.npz`` file for what the policy's BEV was worth at each moment, see
             ``online.OnlineMetrics``; None does not look.
     """
-    env = _env(job.town, job.bev, job.appearance, job.conditions)
+    env = make_env(job)
     trajectory: list[tuple[float, float]] = []
     error = failure = ""
     recorder: OnlineRecorder | None = None
@@ -169,7 +169,7 @@ def never_driven(job: Job, failure: str) -> EpisodeResult:
         job: What was to be driven.
         failure: What is known about it, in a line.
     """
-    env = _env(job.town, "ground_truth", job.appearance, job.conditions)
+    env = make_env(job, "ground_truth")
     env.reset(seed=job.seed, options=job.options)
     return _result(env, job, [], failure, failure)
 
@@ -228,7 +228,17 @@ def _drive_steps(env: BEVTownEnv, job: Job) -> Iterator[Moment]:
         yield Moment(observation, agent)
 
 
-@functools.lru_cache(maxsize=4)
+def make_env(job: Job, bev: str | None = None) -> BEVTownEnv:
+    """The environment that a job is driven in; one of a few that are kept.
+
+    Args:
+        job: The job.
+        bev: BEV source instead of its own.
+    """
+    return _env(job.town, job.bev if bev is None else bev, job.appearance, job.conditions)
+
+
+@functools.lru_cache(maxsize=10)
 def _env(town: str, bev: str, appearance: str, conditions: Conditions) -> BEVTownEnv:
     env = gym.make(
         f"bev_driving_env:BEV{town}-v0",

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,10 +11,10 @@ from typing import Any, NamedTuple
 from tqdm import tqdm
 
 from bev_driving_env.files import write_json
-from bev_driving_env.workers import become_worker
 
 from .drive import EpisodeResult, drive, never_driven
 from .errors import OtherRunError
+from .pool import in_processes
 from .suites import Job
 
 
@@ -103,23 +101,8 @@ def _drive_all(jobs: Sequence[Task], folder: Path, workers: int) -> Iterator[Epi
 
 
 def _drive_in_pool(jobs: Sequence[Task], folder: Path, workers: int) -> Iterator[EpisodeResult]:
-    # spawned, not forked: the parent may hold threads (progress bar, numerical libraries)
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(
-        min(workers, len(jobs)), mp_context=context, initializer=become_worker
-    )
-    others = set(multiprocessing.active_children())
-    try:
-        futures = [pool.submit(drive_and_keep, job, folder, wanted) for job, wanted in jobs]
-        for future in as_completed(futures):
-            yield future.result()
-    except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        # what they have not finished would be driven for nobody
-        for worker in set(multiprocessing.active_children()) - others:
-            worker.terminate()
-        raise
-    pool.shutdown()
+    calls = [(job, folder, wanted) for job, wanted in jobs]
+    return in_processes(drive_and_keep, calls, workers)
 
 
 def _drive_apart(job: Job, folder: Path, wanted: Keepsakes) -> EpisodeResult:

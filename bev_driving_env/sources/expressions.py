@@ -9,7 +9,7 @@
 from __future__ import annotations
 
 import os.path
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 MIXED, CORRUPTED = "|", "~"
@@ -73,6 +73,22 @@ def corruption(text: str) -> Corruption:
             f"expected SOURCE{CORRUPTED}MODEL=DOSE,...[@CHANNEL,...], got {text!r}"
         ) from error
     return Corruption(source, doses, tuple(names.split(",")) if at else None)
+
+
+def with_truth(spec: str, channels: Iterable[str]) -> str:
+    """A source with some channels replaced by the truth.
+
+    >>> with_truth("cvt_kde", ["route", "lane"])
+    'cvt_kde|route=ground_truth,lane=ground_truth'
+    >>> with_truth("ground_truth", ["route"])
+    'ground_truth'
+    """
+    parts = mixture(spec) if is_mixture(spec) else {"default": spec}
+    default = parts.pop("default")
+    parts.update(dict.fromkeys(channels, "ground_truth"))
+    if not parts or spec == "ground_truth":
+        return spec
+    return f"{default}{MIXED}{','.join(f'{name}={source}' for name, source in parts.items())}"
 
 
 def sources_of(spec: str) -> list[str]:

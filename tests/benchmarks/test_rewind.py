@@ -1,0 +1,34 @@
+"""Rewinding failed drives whose cause is known."""
+
+import pytest
+
+from benchmarks.rewind import rewind
+from benchmarks.suites import Job
+
+CHANNELS = ("road", "route", "lane")
+NO_ROUTE = "ground_truth~channel_dropout=1@route"
+
+
+@pytest.fixture(scope="module")
+def rescue():
+    """Town02's episode 1 cannot be driven without its route."""
+    return rewind(Job("Town02", "episode", 1, NO_ROUTE, "bc", 0, "test"), CHANNELS)
+
+
+def test_the_planted_channel_saves_the_drive_and_no_other(rescue):
+    point = rescue.point_of_no_return
+    assert point.saved_by == ("route",)
+    assert point.route_m < rescue.failure_m
+    assert point.step < rescue.failure_step
+
+
+def test_nothing_saves_it_later(rescue):
+    assert [attempt.saved_by for attempt in rescue.attempts[:-1]] == [()] * (
+        len(rescue.attempts) - 1
+    )
+    steps = [attempt.step for attempt in rescue.attempts]
+    assert steps == sorted(steps, reverse=True)
+
+
+def test_a_drive_that_does_not_fail_has_nothing_to_be_saved_from():
+    assert rewind(Job("Town02", "episode", 0, "ground_truth", "bc", 0, "test"), CHANNELS) is None
