@@ -7,8 +7,9 @@ return: from then on no channel alone would have helped.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from agents import Agent, make_agent
 from bev_driving_env.env import BEVTownEnv, EnvSnapshot
@@ -56,6 +57,17 @@ class Rescue:
     failure_step: int
     failure_m: float
     attempts: tuple[Attempt, ...]
+
+    @classmethod
+    def from_dict(cls, row: Mapping[str, Any] | None) -> Rescue | None:
+        """Inverse of ``dataclasses.asdict``, also after a round trip through JSON."""
+        if row is None:
+            return None
+        attempts = (
+            Attempt(each["step"], each["route_m"], tuple(each["saved_by"]))
+            for each in row["attempts"]
+        )
+        return cls(row["failure"], row["failure_step"], row["failure_m"], tuple(attempts))
 
     @property
     def point_of_no_return(self) -> Attempt | None:

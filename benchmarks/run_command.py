@@ -6,7 +6,7 @@ import argparse
 import os
 import shutil
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -77,7 +77,7 @@ class RunOptions:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """What makes two runs the same, so that one may resume the other."""
+        """The options that make two runs the same."""
         return {
             "suite": self.suite,
             "traffic": self.driven_suite.conditions.traffic,
@@ -85,8 +85,6 @@ class RunOptions:
             "agent": list(self.agent),
             "town": list(self.town),
             "seed": list(self.seed),
-            "version": __version__,
-            "git_commit": git_commit(),
         }
 
 
@@ -159,18 +157,14 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
         )
         suite = options.driven_suite
         jobs = list(jobs_of(suite, options.town, options.bev, options.agent, options.seed))
-        # fails here, in one line, rather than in every episode; and compiles before workers start
-        for source in options.bev:
-            env = BEVTownEnv(options.town[0], bev_source=source, **suite.conditions.keywords)
-        for spec in options.agent:
-            make_agent(spec, env)
+        checked_specs(options.bev, options.agent, options.town[0], suite)
     except ValueError as error:
         raise UsageError(str(error)) from error
     if options.overwrite:
-        _discard(options.out)
+        discard_run(options.out)
     hashes = {**agent_hashes(options.agent), **source_hashes(options.bev)}
     note = provenance(argv, options.seed, hashes)
-    claim_folder(options.out, {**options.identity, "hashes": hashes}, note)
+    claim_folder(options.out, run_identity(options.identity, hashes), note)
     results = run_jobs(jobs, options.out, options.workers, videos=options.video)
     _write(options, results, note)
     return _report(options, results)
@@ -191,11 +185,35 @@ def source_hashes(specs: Sequence[str]) -> dict[str, str]:
     return {spec: file_hash(path) for spec, path in files.items() if path is not None}
 
 
-def _discard(out: Path) -> None:
-    """Remove this command's own files from an output folder, and nothing else."""
+def checked_specs(bevs: Sequence[str], agents: Sequence[str], town: str, suite: Suite) -> None:
+    """See to it that sources and agents can be made, in one line, rather than in every episode.
+
+    It also compiles, before workers start.
+
+    Raises:
+        ValueError: One cannot.
+    """
+    for source in bevs:
+        env = BEVTownEnv(town, bev_source=source, **suite.conditions.keywords)
+    for spec in agents:
+        make_agent(spec, env)
+
+
+def run_identity(options: Mapping[str, Any], hashes: Mapping[str, str]) -> dict[str, Any]:
+    """What makes two runs the same, so that one may resume the other."""
+    return {
+        **options,
+        "version": __version__,
+        "git_commit": git_commit(),
+        "hashes": dict(hashes),
+    }
+
+
+def discard_run(out: Path) -> None:
+    """Remove a run's own files from an output folder, and nothing else."""
     if (out / "run.json").exists():
-        shutil.rmtree(out / "episodes", ignore_errors=True)
-        shutil.rmtree(out / "videos", ignore_errors=True)
+        for name in ("episodes", "videos", "moments", "rescues"):
+            shutil.rmtree(out / name, ignore_errors=True)
         (out / "run.json").unlink()
 
 
