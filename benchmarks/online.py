@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
@@ -67,12 +68,6 @@ class OnlineMetrics:
         """IoU (T, 6) of each moment and channel; NaN where there is nothing to see."""
         return self.counts.frame_iou()[:, :, 0]
 
-    def mean_divergence(self, place: str = "all") -> float:
-        """Mean divergence at a kind of place; NaN if there is none."""
-        known = self.divergence[self.places.chosen(place)]
-        known = known[np.isfinite(known)]
-        return float(known.mean()) if len(known) else float("nan")
-
     def save(self, path: Path) -> None:
         """Write to an ``.npz`` file, which appears when all is written."""
         buffer = io.BytesIO()
@@ -110,19 +105,57 @@ class OnlineMetrics:
 
 
 def summary(metrics: OnlineMetrics) -> dict[str, Any]:
-    """IoU by place and channel and mean divergence by place, JSON-ready: None for NaN."""
+    """Sums by kind of place, JSON-ready, so that drives can be added up; see :func:`pooled`."""
+    return {place: _sums(metrics, metrics.places.chosen(place)) for place in PLACES}
+
+
+def _sums(metrics: OnlineMetrics, chosen: NDArray[np.bool_]) -> dict[str, Any]:
+    counts = metrics.counts.subset(chosen)
+    hits = counts.hits.sum(axis=(0, 1, 3), dtype=np.int64)
+    both = counts.predicted.sum(axis=(0, 1, 3), dtype=np.int64)
+    union = both + counts.actual.sum(axis=(0, 1), dtype=np.int64) - hits
+    known = metrics.divergence[chosen]
+    known = known[np.isfinite(known)].astype(np.float64)
     return {
-        place: {
-            "moments": int(metrics.places.chosen(place).sum()),
-            "iou": {name: _known(value) for name, value in metrics.iou(place).items()},
-            "divergence": _known(metrics.mean_divergence(place)),
-        }
-        for place in PLACES
+        "moments": int(chosen.sum()),
+        "hits": dict(zip(CHANNELS, hits.tolist(), strict=True)),
+        "union": dict(zip(CHANNELS, union.tolist(), strict=True)),
+        "divergence_sum": float(known.sum()),
+        "divergence_moments": len(known),
     }
 
 
-def _known(value: float) -> float | None:
-    return round(value, 5) if math.isfinite(value) else None
+@dataclass(frozen=True)
+class Seen:
+    """What the policy's BEV was worth over all moments at a kind of place, of several drives.
+
+    Attributes:
+        moments: How many.
+        iou: By channel; NaN where there was nothing to see.
+        divergence: Mean divergence of the policy's answer, in nats; NaN if it gives none.
+    """
+
+    moments: int
+    iou: dict[str, float]
+    divergence: float
+
+
+def pooled(summaries: Iterable[Mapping[str, Any] | None]) -> dict[str, Seen]:
+    """Add up the summaries of drives, by kind of place; drives without one are left out."""
+    known = [each for each in summaries if each is not None]
+    return {place: _seen([each[place] for each in known]) for place in PLACES}
+
+
+def _seen(parts: Sequence[Mapping[str, Any]]) -> Seen:
+    hits = {name: sum(part["hits"][name] for part in parts) for name in CHANNELS}
+    union = {name: sum(part["union"][name] for part in parts) for name in CHANNELS}
+    diverging = sum(part["divergence_moments"] for part in parts)
+    total = sum(part["divergence_sum"] for part in parts)
+    return Seen(
+        sum(part["moments"] for part in parts),
+        {name: hits[name] / union[name] if union[name] else math.nan for name in CHANNELS},
+        total / diverging if diverging else math.nan,
+    )
 
 
 class OnlineRecorder:

@@ -28,7 +28,7 @@ from .maps import draw_trajectories, png_bytes
 from .results import as_csv, as_json, score
 from .runner import claim_folder, run_jobs
 from .suites import SUITES, Suite, jobs_of
-from .tables import leaderboard_table, table
+from .tables import SEEN, leaderboard_table, seen_table, table
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ class RunOptions:
         workers: Processes.
         overwrite: Discard what the output folder holds.
         video: Whether to write a video of each episode.
+        online: Whether to measure the policy's BEV at every step.
         traffic: Traffic instead of the suite's own; None for the suite's own.
     """
 
@@ -57,6 +58,7 @@ class RunOptions:
     workers: int
     overwrite: bool
     video: bool
+    online: bool = True
     traffic: str | None = None
 
     def __post_init__(self) -> None:
@@ -130,6 +132,11 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument(
         "--video", action="store_true", help="also write an MP4 of each episode to OUT/videos"
     )
+    parser.add_argument(
+        "--no-online",
+        action="store_true",
+        help="do not measure the policy's BEV at every step, which takes some milliseconds each",
+    )
     parser.set_defaults(
         command=run,
         interrupted="; finished episodes are kept, the same command resumes (without --overwrite)",
@@ -153,6 +160,7 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
             workers=namespace.workers,
             overwrite=namespace.overwrite,
             video=namespace.video,
+            online=not namespace.no_online,
             traffic=namespace.traffic,
         )
         suite = options.driven_suite
@@ -165,7 +173,9 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
     hashes = {**agent_hashes(options.agent), **source_hashes(options.bev)}
     note = provenance(argv, options.seed, hashes)
     claim_folder(options.out, run_identity(options.identity, hashes), note)
-    results = run_jobs(jobs, options.out, options.workers, videos=options.video)
+    results = run_jobs(
+        jobs, options.out, options.workers, videos=options.video, moments=options.online
+    )
     _write(options, results, note)
     return _report(options, results)
 
@@ -222,7 +232,10 @@ def _write(options: RunOptions, results: Sequence[EpisodeResult], note: dict[str
     write_text(options.out / "episodes.csv", as_csv(results, note))
     suite = options.driven_suite
     traffic = f", traffic `{suite.conditions.traffic}`" if suite.leaderboard else ""
-    lines = [_table(suite, results), "", f"Suite `{suite.name}`{traffic}. {_footnote(note)}", ""]
+    lines = [_table(suite, results), ""]
+    if any(result.online for result in results):
+        lines += [f"{SEEN}\n\n{seen_table(results)}", ""]
+    lines += [f"Suite `{suite.name}`{traffic}. {_footnote(note)}", ""]
     write_text(options.out / "table.md", "\n".join(lines))
     for town in options.town:
         image = draw_trajectories(town, results)

@@ -35,6 +35,7 @@ class Keepsakes(NamedTuple):
 
 
 NOTHING = Keepsakes()
+TRUTH = "ground_truth"
 Task = tuple[Job, Keepsakes]
 
 
@@ -54,8 +55,8 @@ def run_jobs(
         workers: Processes to use; with 1 the episodes are driven in this one.
         videos: Also write an MP4 of each episode to the ``videos`` folder; an episode without one
             is driven again.
-        moments: Also look at the policy's BEV at every step, and write what it was worth to the
-            ``moments`` folder; likewise.
+        moments: Also look at the policy's BEV at every step, unless it is the ground truth, and
+            write what it was worth to the ``moments`` folder; likewise.
 
     Returns:
         Results in the order of the jobs.
@@ -65,7 +66,8 @@ def run_jobs(
     wanted = {
         job: Keepsakes(
             out / "videos" / f"{job.key}.mp4" if videos else None,
-            out / "moments" / f"{job.key}.npz" if moments else None,
+            # the truth is worth the truth
+            out / "moments" / f"{job.key}.npz" if moments and job.bev != TRUTH else None,
         )
         for job in jobs
     }

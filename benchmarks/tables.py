@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
+from bev_driving_env.frames import CHANNELS
 from bev_driving_env.markdown import markdown
 
+from .drive import EpisodeResult
+from .online import pooled
 from .results import Score
 
 LEADERBOARD_KINDS = {
@@ -46,6 +50,31 @@ def _cells(entry: Score) -> list[str]:
         f"{entry.infracted}/{entry.episodes}",
         f"{entry.clean}/{entry.episodes}",
     ]
+
+
+SEEN = (
+    "The BEV while driving (IoU over all moments; turn: before and in left and right turns; "
+    "divergence: how far the policy's answer to it is from that to the truth, nats a moment):"
+)
+
+
+def seen_table(results: Sequence[EpisodeResult]) -> str:
+    """What the policy's BEV was worth on the way as Markdown, a row a source, agent and town."""
+    groups: dict[tuple[str, str, str], list[EpisodeResult]] = {}
+    for result in results:
+        if result.online is not None:
+            job = result.job
+            groups.setdefault((job.bev, job.agent, job.town), []).append(result)
+    header = ["BEV source", "Agent", "Town", *CHANNELS, "route, critical", "route, turn"]
+    header += ["divergence", "divergence, turn"]
+    rows = []
+    for name, drives in groups.items():
+        seen = pooled(drive.online for drive in drives)
+        values = [*seen["all"].iou.values()]
+        values += [seen[place].iou["route"] for place in ("critical", "turn")]
+        values += [seen[place].divergence for place in ("all", "turn")]
+        rows.append([*name, *(f"{v:.3f}" if math.isfinite(v) else "-" for v in values)])
+    return markdown(header, rows, text_columns=3)
 
 
 def leaderboard_table(scores: Sequence[Score]) -> str:

@@ -1,5 +1,9 @@
 """What the policy's BEV was worth while it drove."""
 
+import copy
+import json
+import math
+
 import numpy as np
 import pytest
 import torch
@@ -7,7 +11,7 @@ from torch.distributions import Beta, kl_divergence
 
 from agents import Expert, make_agent
 from benchmarks.drive import drive
-from benchmarks.online import OnlineMetrics, OnlineRecorder, summary
+from benchmarks.online import OnlineMetrics, OnlineRecorder, pooled, summary
 from benchmarks.suites import Job
 from bev_driving_env.env import BEVTownEnv
 from perception.metrics import channel_iou
@@ -54,14 +58,25 @@ def test_iou_is_that_of_the_bev_and_the_truth_at_each_moment(driven):
 
 def test_moments_are_told_apart_by_place(driven):
     metrics, shown = driven
-    told = summary(metrics)
-    assert told["straight"]["moments"] + told["critical"]["moments"] == STEPS
-    assert told["critical"]["moments"] >= told["turn"]["moments"]
+    told = pooled([summary(metrics)])
+    assert told["straight"].moments + told["critical"].moments == told["all"].moments == STEPS
+    assert told["critical"].moments >= told["turn"].moments
     straight = [pair for pair, here in zip(shown, metrics.places.straight, strict=True) if here]
     wanted = channel_iou(*(np.stack(part) for part in zip(*straight, strict=True)))
-    assert told["straight"]["iou"]["road"] == pytest.approx(wanted[0], abs=1e-5)
-    assert told["all"]["iou"]["vehicles"] is None
-    assert told["all"]["divergence"] is None
+    assert told["straight"].iou["road"] == pytest.approx(wanted[0])
+    assert math.isnan(told["all"].iou["vehicles"])
+    assert math.isnan(told["all"].divergence)
+
+
+def test_drives_add_up_by_pixels_and_moments(driven):
+    metrics, _ = driven
+    sums = summary(metrics)
+    assert pooled([sums, None, sums])["all"].iou["road"] == pooled([sums])["all"].iou["road"]
+    assert pooled([sums, sums])["all"].moments == 2 * STEPS
+    other = copy.deepcopy(sums)
+    other["all"]["hits"]["road"], other["all"]["union"]["road"] = 0, 10**9
+    assert pooled([sums, other])["all"].iou["road"] < 0.01
+    assert math.isnan(pooled([])["all"].iou["road"])
 
 
 def test_metrics_survive_a_file(driven, tmp_path):
@@ -104,6 +119,6 @@ def test_a_drive_keeps_its_moments(tmp_path):
     result = drive(job, moments=tmp_path / "m.npz")
     kept = OnlineMetrics.load(tmp_path / "m.npz")
     assert len(kept) == result.steps + 1
-    assert result.online == summary(kept)
-    assert 0.3 < result.online["all"]["iou"]["road"] < 0.95
+    assert result.online == json.loads(json.dumps(summary(kept)))
+    assert 0.3 < pooled([result.online])["all"].iou["road"] < 0.95
     assert drive(job).online is None

@@ -26,7 +26,7 @@ def test_finished_episodes_are_kept_and_not_driven_again(tmp_path, monkeypatch):
     first = run_jobs(JOBS[:2], tmp_path, workers=1)
     driven = []
     real = runner.drive
-    monkeypatch.setattr(runner, "drive", lambda job, film: driven.append(job) or real(job))
+    monkeypatch.setattr(runner, "drive", lambda job, *kept: driven.append(job) or real(job, *kept))
     assert run_jobs(JOBS, tmp_path, workers=1)[:2] == first
     assert driven == JOBS[2:]
 
@@ -34,7 +34,7 @@ def test_finished_episodes_are_kept_and_not_driven_again(tmp_path, monkeypatch):
 def test_an_interrupted_run_keeps_what_it_finished(tmp_path, monkeypatch):
     real = runner.drive
 
-    def interrupt(job: Job, film):
+    def interrupt(job: Job, *kept):
         if job.index == 1:
             raise KeyboardInterrupt
         return real(job)

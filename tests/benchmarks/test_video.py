@@ -118,7 +118,7 @@ def test_an_episode_without_its_video_is_driven_again_and_the_others_are_kept(
     driven = []
     real = drive_module.drive
     monkeypatch.setattr(
-        "benchmarks.runner.drive", lambda job, film: driven.append(job) or real(job, film)
+        "benchmarks.runner.drive", lambda job, *kept: driven.append(job) or real(job, *kept)
     )
     assert run_jobs(jobs, out, workers=1, videos=True) == plain
     assert driven == jobs[:1]
