@@ -9,7 +9,14 @@ from collections.abc import Sequence
 
 from bev_driving_env.command_line import OneLineParser, run_verb
 
-from . import attribute_command, play_command, run_command, speed_command, traffic_command
+from . import (
+    attribute_command,
+    play_command,
+    report_command,
+    run_command,
+    speed_command,
+    traffic_command,
+)
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -19,6 +26,7 @@ def build_parser() -> argparse.ArgumentParser:
     )
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="COMMAND")
     run_command.add_parser(verbs)
+    report_command.add_parser(verbs)
     attribute_command.add_parser(verbs)
     play_command.add_parser(verbs)
     speed_command.add_parser(verbs)

@@ -136,7 +136,7 @@ def drive(job: Job, video: Path | None = None, moments: Path | None = None) -> E
     recorder: OnlineRecorder | None = None
     with contextlib.ExitStack() as stack:
         film = video and stack.enter_context(VideoWriter(video, env.metadata["render_fps"]))
-        steps = _drive_steps(env, job)
+        steps = drive_moments(env, job)
         while True:
             try:
                 moment = next(steps, None)
@@ -215,8 +215,13 @@ class Moment(NamedTuple):
     agent: Agent
 
 
-def _drive_steps(env: BEVTownEnv, job: Job) -> Iterator[Moment]:
-    """Drive an episode to its end, pausing at the start and after each step."""
+def drive_moments(env: BEVTownEnv, job: Job) -> Iterator[Moment]:
+    """Drive an episode to its end, pausing at the start and after each step.
+
+    Args:
+        env: The environment of the job, see :func:`make_env`.
+        job: What to drive.
+    """
     observation, _ = env.reset(seed=job.seed, options=job.options)
     agent: Agent = make_agent(job.agent, env)
     agent.reset(job.seed)

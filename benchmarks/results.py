@@ -141,7 +141,13 @@ def as_json(results: Sequence[EpisodeResult], note: dict[str, Any]) -> dict[str,
         "provenance": note,
         "scores": [asdict(entry) for entry in score(results)],
         "episodes": [
-            {**_row(result), "error": result.error, "events": list(result.events)}
+            {
+                **_row(result),
+                "key": result.job.key,
+                "error": result.error,
+                "events": list(result.events),
+                "online": result.online,
+            }
             for result in results
         ],
     }
