@@ -13,9 +13,11 @@ from tqdm import tqdm
 from bev_driving_env.command_line import UsageError
 from bev_driving_env.files import write_text
 from bev_driving_env.frames import CHANNELS
+from perception.evaluation_tables import short_name
 
 from .drive import EpisodeResult
 from .errors import OtherRunError
+from .online import pooled
 from .report import charts, page, sections
 from .report.page import Content, Markup, element
 
@@ -130,7 +132,7 @@ def iou_against_metres(results: Sequence[EpisodeResult]) -> Markup:
     for (bev, agent), drives in sections.by_driver(results).items():
         for town in dict.fromkeys(drive.job.town for drive in drives):
             here = [drive for drive in drives if drive.job.town == town]
-            seen = sections.pooled(drive.online for drive in here)["all"]
+            seen = pooled(drive.online for drive in here)["all"]
             mean = sum(seen.iou[name] for name in CHANNELS[:3]) / 3.0
             share = 100.0 * sum(d.driven_m for d in here) / sum(d.planned_m for d in here)
             if mean == mean:  # drives on the truth have no IoU to speak of
@@ -146,7 +148,7 @@ def blame(attribution: Mapping[str, Any]) -> list[Markup]:
     """Bars of lost metres by channel, and when failed drives were lost."""
     rows: dict[str, dict[str, float]] = {}
     for each in attribution["attributions"]:
-        name = f"{sections.short_name(each['job']['bev'])}, {each['job']['town']}"
+        name = f"{short_name(each['job']['bev'])}, {each['job']['town']}"
         row = rows.setdefault(name, dict.fromkeys(each["cost_m"], 0.0))
         for channel, cost in each["cost_m"].items():
             row[channel] += cost
@@ -165,17 +167,15 @@ def rescues_table(rescues: Sequence[Mapping[str, Any]]) -> Markup:
     for rescue in rescues:
         job = rescue["job"]
         point = next((each for each in rescue["attempts"] if each["saved_by"]), None)
-        before = (
-            sections.MISSING if point is None else f"{rescue['failure_m'] - point['route_m']:.1f}"
-        )
+        before_m = None if point is None else rescue["failure_m"] - point["route_m"]
         rows.append(
             [
-                sections.short_name(job["bev"]),
+                short_name(job["bev"]),
                 f"{job['town']} {job['index']}",
                 rescue["failure"].replace("_", " "),
                 "no channel alone" if point is None else ", ".join(point["saved_by"]),
                 f"{rescue['failure_m']:.0f}",
-                before,
+                sections.MISSING if before_m is None else f"{before_m:.1f}",
             ]
         )
     header = ["BEV generator", "episode", "failure", "saved by", "at (m)", "last saved (m before)"]
