@@ -23,6 +23,8 @@ from bev_driving_env.kernels.layout import ROUTE_DONE
 from perception.iou_counts import IoUCounts, iou_counts
 from perception.places import PLACES, Places, places_along, stretches
 
+NATS = 10.0 ** np.linspace(-4.0, 4.0, 81)
+"""Edges of the histogram of divergences."""
 OCCUPIED = 0.5
 """Least probability of a pixel that counts as occupied, in the policy's BEV too."""
 
@@ -120,8 +122,7 @@ def _sums(metrics: OnlineMetrics, chosen: NDArray[np.bool_]) -> dict[str, Any]:
         "moments": int(chosen.sum()),
         "hits": dict(zip(CHANNELS, hits.tolist(), strict=True)),
         "union": dict(zip(CHANNELS, union.tolist(), strict=True)),
-        "divergence_sum": float(known.sum()),
-        "divergence_moments": len(known),
+        "divergence": np.histogram(np.clip(known, *NATS[[0, -1]]), NATS)[0].tolist(),
     }
 
 
@@ -132,7 +133,8 @@ class Seen:
     Attributes:
         moments: How many.
         iou: By channel; NaN where there was nothing to see.
-        divergence: Mean divergence of the policy's answer, in nats; NaN if it gives none.
+        divergence: Median divergence of the policy's answer, in nats; NaN if it gives none. A mean
+            would be that of the few moments at which sharp distributions do not meet.
     """
 
     moments: int
@@ -149,13 +151,20 @@ def pooled(summaries: Iterable[Mapping[str, Any] | None]) -> dict[str, Seen]:
 def _seen(parts: Sequence[Mapping[str, Any]]) -> Seen:
     hits = {name: sum(part["hits"][name] for part in parts) for name in CHANNELS}
     union = {name: sum(part["union"][name] for part in parts) for name in CHANNELS}
-    diverging = sum(part["divergence_moments"] for part in parts)
-    total = sum(part["divergence_sum"] for part in parts)
+    divergences = np.sum([part["divergence"] for part in parts], axis=0, dtype=np.float64)
     return Seen(
         sum(part["moments"] for part in parts),
         {name: hits[name] / union[name] if union[name] else math.nan for name in CHANNELS},
-        total / diverging if diverging else math.nan,
+        _median(divergences),
     )
+
+
+def _median(histogram: NDArray[np.float64]) -> float:
+    """Where half of a histogram over ``NATS`` is reached; NaN for an empty one."""
+    if not np.any(histogram):
+        return math.nan
+    reached = np.concatenate([[0.0], np.cumsum(histogram)]) / histogram.sum()
+    return float(10.0 ** np.interp(0.5, reached, np.log10(NATS)))
 
 
 class OnlineRecorder:

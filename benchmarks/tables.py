@@ -54,7 +54,7 @@ def _cells(entry: Score) -> list[str]:
 
 SEEN = (
     "The BEV while driving (IoU over all moments; turn: before and in left and right turns; "
-    "divergence: how far the policy's answer to it is from that to the truth, nats a moment):"
+    "divergence: how far the policy's answer to it is from that to the truth, nats, median):"
 )
 
 

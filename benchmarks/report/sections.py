@@ -126,7 +126,7 @@ def seen_tables(results: Sequence[EpisodeResult]) -> list[Markup]:
         caption = (
             f"{town}: IoU of what the policy saw, over all moments of its own drives, and how far "
             "its answer was from the one to the truth (Kullback-Leibler divergence of its Beta "
-            "distributions, nats a moment)."
+            "distributions in nats, median over moments)."
         )
         made.append(page.table(header, rows, caption))
     return made
