@@ -151,11 +151,11 @@ def pooled(summaries: Iterable[Mapping[str, Any] | None]) -> dict[str, Seen]:
 def _seen(parts: Sequence[Mapping[str, Any]]) -> Seen:
     hits = {name: sum(part["hits"][name] for part in parts) for name in CHANNELS}
     union = {name: sum(part["union"][name] for part in parts) for name in CHANNELS}
-    divergences = np.sum([part["divergence"] for part in parts], axis=0, dtype=np.float64)
+    divergences = np.array([part["divergence"] for part in parts], np.float64)
     return Seen(
         sum(part["moments"] for part in parts),
         {name: hits[name] / union[name] if union[name] else math.nan for name in CHANNELS},
-        _median(divergences),
+        _median(divergences.reshape(-1, len(NATS) - 1).sum(axis=0)),
     )
 
 
