@@ -21,6 +21,7 @@ from bev_driving_env.render import bev_image, fit_tile, write
 from bev_driving_env.sources.protocol import SensorFrame
 from bev_driving_env.sources.registry import make_bev_source
 from perception.shipped import shipped_path
+from perception.starting import predecessors
 from perception.weights import predictor_card
 
 PLACES: tuple[tuple[dict[str, int], float], ...] = (
@@ -52,10 +53,10 @@ def read(path: Path) -> dict[str, list[float]]:
 
 
 def frames_before(name: str) -> int:
-    """Frames that the predictor had seen which a shipped one was started from."""
+    """Frames that the predictors had seen which a shipped one goes on from."""
     path = shipped_path(name)
-    start = predictor_card(path)["started_from"] if path.exists() else None
-    return 0 if start is None else int(start["samples"])
+    card = predictor_card(path) if path.exists() else {}
+    return sum(int(start["samples"]) for start in predecessors(card))
 
 
 def draw_predictions() -> NDArray[np.uint8]:

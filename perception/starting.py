@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,8 +13,8 @@ from torch import Tensor
 from .models.presets import ModelSpec
 from .weights import load_predictor
 
-CARD = ("command", "git_commit", "seeds", "data", "samples", "weighting")
-"""What the card of the new predictor repeats of the old one's."""
+CARD = ("command", "git_commit", "seeds", "data", "samples", "weighting", "started_from")
+"""What the card of the new predictor repeats of the old one's, and so on to the first one's."""
 
 
 @dataclass(frozen=True)
@@ -58,6 +58,18 @@ def start_from(path: str | Path, spec: ModelSpec) -> Start:
     digest = hashlib.sha256(Path(path).read_bytes()).hexdigest()
     card = {name: predictor.card[name] for name in CARD if name in predictor.card}
     return Start(weights, digest, card)
+
+
+def predecessors(card: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+    """What a predictor's card tells of those that it goes on from, the last one first.
+
+    >>> [each["samples"] for each in predecessors({"started_from": {"samples": 80}})]
+    [80]
+    """
+    start = card.get("started_from")
+    while start is not None:
+        yield start
+        start = start.get("started_from")
 
 
 def output_layers(spec: ModelSpec) -> set[str]:

@@ -18,6 +18,7 @@ from bev_driving_env.files import write_text
 from bev_driving_env.frames import CHANNELS
 from bev_driving_env.markdown import markdown
 from perception.shipped import shipped_path
+from perception.starting import predecessors
 from perception.weights import load_predictor, predictor_card
 
 ABOUT = {
@@ -45,7 +46,7 @@ def card_text(name: str, evaluations: Sequence[Mapping[str, Any]]) -> str:
     path = shipped_path(name)
     card, predictor = predictor_card(path), load_predictor(path)
     parameters = sum(each.numel() for each in predictor.model.parameters())
-    start = card["started_from"]
+    before = list(predecessors(card))
     rows = [
         ["Command", f"`{card['command']}`"],
         ["Commit", card["git_commit"][:12]],
@@ -64,12 +65,12 @@ def card_text(name: str, evaluations: Sequence[Mapping[str, Any]]) -> str:
         ["Thresholds", _by_channel(predictor.channels, predictor.thresholds, "{:.2f}")],
         ["Validation IoU", _named(card["validation"]["iou"]) + " (route 0 of the same logs)"],
     ]
-    if start is not None:
+    for k, start in enumerate(before):
         told = (
             f"a predictor trained by `{start['command']}` at {start['git_commit'][:12]}, "
             f"{start['samples']:,} frames"
         )
-        rows.insert(1, ["Started from", told])
+        rows.insert(1 + k, ["which started from" if k else "Started from", told])
     measured = [row for found in evaluations for row in _measured(name, found)]
     header = ["Frames of", "Looks", *CHANNELS, "route, turns", "turn frames under 0.5"]
     return (

@@ -8,7 +8,7 @@ import torch
 
 from perception.models.cvt_config import FAST
 from perception.models.presets import ModelSpec
-from perception.starting import output_layers, start_from
+from perception.starting import output_layers, predecessors, start_from
 from perception.training import Trainer, TrainingConfig
 from perception.weights import Predictor, WeightsError, save_predictor
 
@@ -38,6 +38,17 @@ def test_training_starts_with_the_predictors_weights(saved, tiny_spec):
         torch.testing.assert_close(trained[name], value, rtol=1e-3, atol=1e-6)  # stored in fp16
     assert start.digest == hashlib.sha256(path.read_bytes()).hexdigest()
     assert start.card == {"command": "bev-perception train", "samples": 80}
+
+
+def test_the_card_tells_of_all_that_came_before(tiny_spec, tmp_path):
+    told: dict = {}
+    for samples in (10, 20, 30):
+        card = {"samples": samples, "machine": "toy", **told}
+        predictor = Predictor(tiny_spec, tiny_spec.build(), (0.5,) * 6, tiny_spec.camera_size, card)
+        save_predictor(predictor, tmp_path / "old.safetensors")
+        start = start_from(tmp_path / "old.safetensors", tiny_spec)
+        told = {"started_from": {"sha256": start.digest, **start.card}}
+    assert [each["samples"] for each in predecessors(told)] == [30, 20, 10]
 
 
 @pytest.mark.parametrize("channels", [("road", "lane"), ("lights",)])
