@@ -9,10 +9,9 @@ OUT    ?= runs/demo
 help:  ## List the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
 
-demo: $(VENV)/.installed  ## Drive 100 test routes, and the paper's ten episodes with the expert and bc; tables, maps
-	$(BIN)/bev-bench run --suite routes --out $(OUT)/routes --overwrite
-	$(BIN)/bev-bench run --suite paper --agent expert bc --out $(OUT)/paper --overwrite
-	@echo "Trajectories: $(OUT)/paper/map_Town01.png and map_Town02.png"
+demo: $(VENV)/.installed  ## The paper's ten episodes on the truth and on two predictors: table, maps, report
+	$(BIN)/bev-bench run --suite paper --bev ground_truth cvt_kde ipm_unet_kde --agent bc --out $(OUT) --overwrite
+	$(BIN)/bev-bench report $(OUT)
 
 test: lint types unit  ## ruff, mypy and pytest
 
