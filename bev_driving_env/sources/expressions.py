@@ -2,6 +2,8 @@
 
 * ``"ground_truth~straightening=0.5,latency=0.2"`` is ``CorruptedBEV("ground_truth",
   straightening=0.5, latency=0.2)``; ``@route,lane`` at the end leaves the other channels alone.
+* ``"cvt_kde~memory=0.7"`` is ``SmoothedBEV("cvt_kde", 0.7)``, no error but a remedy; errors beside
+  it come after it.
 * ``"cvt_kde|route=ground_truth"`` is ``{"default": "cvt_kde", "route": "ground_truth"}``; each part
   may be corrupted itself.
 """

@@ -19,6 +19,7 @@ from .expressions import is_mixture, mixture
 from .ground_truth import GroundTruth
 from .protocol import BatchedBEVSource, BEVSourceError, PrivilegedSource, SensorFrame
 from .registry import make_bev_source, source_name
+from .smoothed import SmoothedBEV
 
 Spec = Any
 """A name, a path, a source object, or a mapping from channels (and ``default``) to these."""
@@ -65,7 +66,7 @@ class _Feed:
     ) -> None:
         self.name = source_name(spec)
         first = _made_for(spec, geometry)
-        if first is spec and isinstance(first, CorruptedBEV):
+        if first is spec and isinstance(first, CorruptedBEV | SmoothedBEV):
             # so that environments which are given one object do not share what it remembers
             first = copy.deepcopy(first)
         offered = tuple(first.channels)

@@ -161,10 +161,16 @@ def _made(spec: str | Path) -> Any:
 
 def _corrupted(text: str) -> Any:
     from .corrupted import CorruptedBEV  # which makes its own source by this module
+    from .smoothed import SmoothedBEV
 
     parts = corruption(text)
     doses: dict[str, Any] = dict(parts.doses)
-    return CorruptedBEV(parts.source, channels=parts.channels, **doses)
+    source: Any = parts.source
+    if "memory" in doses:
+        source = SmoothedBEV(source, doses.pop("memory"))
+        if not doses and parts.channels is None:
+            return source
+    return CorruptedBEV(source, channels=parts.channels, **doses)
 
 
 def _loaded(spec: str, target: str) -> Any:
