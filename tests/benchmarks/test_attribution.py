@@ -12,7 +12,7 @@ from benchmarks.suites import Job
 
 CHANNELS = ("road", "route", "lane")
 JOB = Job("Town02", "episode", 1, "cvt_kde", "bc", 0, "test")
-NO_ROUTE = "ground_truth~channel_dropout=1@route"
+STRAIGHTENED = "ground_truth~straightening=1,latency=0.5@route"
 
 
 def test_with_all_channels_true_it_is_the_ground_truth_itself():
@@ -56,7 +56,7 @@ def test_metres_after_an_infraction_do_not_count(make_result):
 
 @pytest.mark.slow
 def test_a_planted_fault_is_found_and_a_second_run_adds_nothing(tmp_path, capsys):
-    arguments = ["attribute", "--bev", NO_ROUTE, "--town", "Town02", "--workers", "2"]
+    arguments = ["attribute", "--bev", STRAIGHTENED, "--town", "Town02", "--workers", "2"]
     arguments += ["--out", str(tmp_path)]
     assert main(arguments) == 0
     kept = json.loads((tmp_path / "attribution.json").read_text(encoding="utf-8"))

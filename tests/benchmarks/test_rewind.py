@@ -6,13 +6,13 @@ from benchmarks.rewind import rewind
 from benchmarks.suites import Job
 
 CHANNELS = ("road", "route", "lane")
-NO_ROUTE = "ground_truth~channel_dropout=1@route"
+STRAIGHTENED = "ground_truth~straightening=1,latency=0.5@route"
 
 
 @pytest.fixture(scope="module")
 def rescue():
-    """Town02's episode 1 cannot be driven without its route."""
-    return rewind(Job("Town02", "episode", 1, NO_ROUTE, "bc", 0, "test"), CHANNELS)
+    """Town02's episode 1 has turns that cannot be driven when they are seen straight, and late."""
+    return rewind(Job("Town02", "episode", 1, STRAIGHTENED, "bc", 0, "test"), CHANNELS)
 
 
 def test_the_planted_channel_saves_the_drive_and_no_other(rescue):
