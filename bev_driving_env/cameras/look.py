@@ -128,8 +128,8 @@ def check_appearance(appearance: object) -> None:
     name = appearance_set(appearance) if isinstance(appearance, str) else ""
     if name not in APPEARANCES:
         raise ValueError(
-            f"appearance must be one of {', '.join(APPEARANCES)}, or one with a condition such as "
-            f"'hard:night', got {appearance!r}"
+            f"appearance must be one of {', '.join(APPEARANCES)}, got {appearance!r} (a condition "
+            "goes behind, as in 'hard:night')"
         )
     known = single_appearances(name)
     if appearance not in known:
