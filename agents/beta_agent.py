@@ -44,6 +44,7 @@ class BetaAgent:
         self._device = policy.device
         self._actor = policy.actor().eval()
         self._rng = np.random.default_rng(0)
+        self._last: tuple[NDArray[Any], NDArray[Any], tuple[Tensor, Tensor]] | None = None
 
     def reset(self, seed: int | None) -> None:
         """Start an episode; sampled actions follow from the seed alone."""
@@ -72,11 +73,23 @@ class BetaAgent:
             return float(beta_kl(*self._heads(observation), *self._heads(other)))
 
     def _heads(self, observation: Mapping[str, NDArray[Any]]) -> tuple[Tensor, Tensor]:
-        """Concentrations (2,) and (2,) of the answer to an observation."""
-        bev = torch.as_tensor(observation["bev"][None], device=self._device)
-        measured = torch.as_tensor(observation["measurements"][None], device=self._device)
-        alpha, beta = self._actor(bev, measured)
-        return alpha[0].cpu(), beta[0].cpu()
+        """Concentrations (2,) and (2,) of the answer to an observation.
+
+        The last ones are kept: a moment that is compared with the truth is then acted on, and to
+        compare observations takes a hundredth of the time that the network takes.
+        """
+        bev, measured = observation["bev"], observation["measurements"]
+        if self._last is not None:
+            seen, felt, heads = self._last
+            if np.array_equal(bev, seen) and np.array_equal(measured, felt):
+                return heads
+        alpha, beta = self._actor(
+            torch.as_tensor(bev[None], device=self._device),
+            torch.as_tensor(measured[None], device=self._device),
+        )
+        heads = (alpha[0].cpu(), beta[0].cpu())
+        self._last = (np.array(bev), np.array(measured), heads)
+        return heads
 
 
 def load_beta_agent(path: Path, env: gym.Env[Any, Any], answer: str | None = None) -> BetaAgent:

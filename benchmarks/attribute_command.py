@@ -20,6 +20,7 @@ from bev_driving_env.provenance import provenance
 from perception.evaluation_tables import short_name
 
 from .attribution import Attribution, attribute, substitutions
+from .errors import OtherRunError
 from .pool import in_processes
 from .rewind import Rescue, rewind
 from .run_command import agent_hashes, checked_specs, discard_run, run_identity, source_hashes
@@ -178,7 +179,13 @@ def _rewound(
         for call in calls:
             yield rewind_and_keep(*call)
         return
-    yield from in_processes(rewind_and_keep, calls, options.workers)
+    for number, found in in_processes(rewind_and_keep, calls, options.workers):
+        if found is None:
+            raise OtherRunError(
+                f"the process that rewound {jobs[number].key} died (see its output above, if there "
+                "is any); the others are kept"
+            )
+        yield found
 
 
 def rewind_and_keep(job: Job, channels: Sequence[str], folder: Path) -> tuple[Job, Rescue | None]:

@@ -41,7 +41,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: Arguments without the program's name; those of the process if None.
 
     Returns:
-        Exit status: 0 done, 1 an agent failed, 2 a mistake in the arguments, 130 interrupted.
+        Exit status: 0 done, 1 an agent failed, 2 a mistake in the arguments, 130 after
+        Ctrl-C, 143 after SIGTERM.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     # so that "module:factory" finds a module in the current folder, as "python -m" would

@@ -3,45 +3,107 @@
 from __future__ import annotations
 
 import multiprocessing
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from typing import Any, TypeVar
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, Protocol, TypeVar
 
 from bev_driving_env.workers import become_worker
 
 Result = TypeVar("Result")
 
 
+class Execute(Protocol):
+    """Whatever makes calls on several cores: :func:`in_processes`, or a Ray cluster."""
+
+    def __call__(
+        self,
+        function: Callable[..., Result],
+        calls: Iterable[tuple[Any, ...]],
+        workers: int,
+        *,
+        apart: bool = False,
+    ) -> Iterator[tuple[int, Result | None]]:
+        """Call a function once for each of several arguments.
+
+        Args:
+            function: Of a module, so that it can be named to another process.
+            calls: Arguments of each call.
+            workers: Calls at a time.
+            apart: Each call in a process of its own, instead of one after the other in a few.
+
+        Yields:
+            The number of a call and its result as soon as it is there, in any order; None in
+            place of the result if the call's process died. The other calls go on.
+
+        Raises:
+            Exception: What a call raised.
+        """
+
+
 def in_processes(
-    function: Callable[..., Result], calls: Iterable[tuple[Any, ...]], workers: int
-) -> Iterator[Result]:
-    """Call a function in worker processes; results come in the order in which they are ready.
+    function: Callable[..., Result],
+    calls: Iterable[tuple[Any, ...]],
+    workers: int,
+    *,
+    apart: bool = False,
+) -> Iterator[tuple[int, Result | None]]:
+    """Call a function in worker processes of this machine; see :class:`Execute`."""
+    left = deque(enumerate(calls))
+    pools = _Pools()
+    running: dict[Future[Result], tuple[int, ProcessPoolExecutor]] = {}
 
-    Args:
-        function: Of a module, so that it can be named to another process.
-        calls: Arguments of each call.
-        workers: Processes.
+    def start_next(pool: ProcessPoolExecutor) -> None:
+        number, arguments = left.popleft()
+        running[pool.submit(function, *arguments)] = number, pool
 
-    Raises:
-        BrokenProcessPool: A worker died; what was ready before has been yielded.
-    """
-    # spawned, not forked: the parent may hold threads (progress bar, numerical libraries)
-    context = multiprocessing.get_context("spawn")
-    given = list(calls)
-    if not given:
-        return
-    pool = ProcessPoolExecutor(
-        min(workers, len(given)), mp_context=context, initializer=become_worker
-    )
-    others = set(multiprocessing.active_children())
     try:
-        futures = [pool.submit(function, *arguments) for arguments in given]
-        for future in as_completed(futures):
-            yield future.result()
+        for _ in range(min(workers, len(left))):
+            start_next(pools.add())
+        while running:
+            ready, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in ready:
+                number, pool = running.pop(future)
+                died = isinstance(future.exception(), BrokenProcessPool)
+                if left:
+                    start_next(pools.replace(pool) if died or apart else pool)
+                yield number, None if died else future.result()
     except BaseException:
-        pool.shutdown(wait=False, cancel_futures=True)
-        # what they have not finished would be done for nobody
-        for worker in set(multiprocessing.active_children()) - others:
-            worker.terminate()
+        pools.kill()
         raise
-    pool.shutdown()
+    pools.close()
+
+
+class _Pools:
+    """A pool a worker: if its process dies, it is known over which call, and the others live on."""
+
+    def __init__(self) -> None:
+        # spawned, not forked: the parent may hold threads (progress bar, numerical libraries)
+        self._context = multiprocessing.get_context("spawn")
+        self._pools: list[ProcessPoolExecutor] = []
+        self._others = set(multiprocessing.active_children())
+
+    def add(self) -> ProcessPoolExecutor:
+        """A new one, which starts its process with its first call."""
+        pool = ProcessPoolExecutor(1, mp_context=self._context, initializer=become_worker)
+        self._pools.append(pool)
+        return pool
+
+    def replace(self, pool: ProcessPoolExecutor) -> ProcessPoolExecutor:
+        """A new one in place of one that has nothing to do any more."""
+        self._pools.remove(pool)
+        pool.shutdown()
+        return self.add()
+
+    def close(self) -> None:
+        """End all processes, which have nothing to do any more."""
+        for pool in self._pools:
+            pool.shutdown()
+
+    def kill(self) -> None:
+        """End all processes at once: what they have not finished would be done for nobody."""
+        for pool in self._pools:
+            pool.shutdown(wait=False, cancel_futures=True)
+        for worker in set(multiprocessing.active_children()) - self._others:
+            worker.terminate()

@@ -18,7 +18,7 @@ from perception.evaluation_tables import short_name
 from .drive import EpisodeResult
 from .errors import OtherRunError
 from .online import pooled
-from .report import charts, page, sections
+from .report import charts, page, sections, suite_sections
 from .report.page import Content, Markup, element
 
 MOST_CARDS = 40
@@ -109,6 +109,10 @@ def report(
         parts.append(("seen", "What the policy saw on the way", seen))
     if attribution is not None:
         parts.append(("attribution", "Which channel cost the metres", blame(attribution)))
+    if doses := suite_sections.dose_figures(results):
+        parts.append(("doses", "How much error is too much", doses))
+    if looks := suite_sections.look_table(results):
+        parts.append(("looks", "Under which looks", looks))
     failures = sections.chosen_failures(results, most_cards)
     if failures:
         with tqdm(total=len(failures), unit="card", desc="driving failures again") as bar:

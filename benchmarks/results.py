@@ -12,6 +12,7 @@ from typing import Any
 
 from .drive import EpisodeResult
 from .driving_score import count_infractions
+from .suites import added_error
 
 KINDS = tuple(count_infractions(()))
 """Names of the infractions, in the order of their columns."""
@@ -24,6 +25,9 @@ COLUMNS = (
     "agent",
     "seed",
     "appearance",
+    "source",
+    "error_model",
+    "dose",
     "planned_m",
     "driven_m",
     "success",
@@ -45,7 +49,10 @@ COLUMNS = (
     "driving_score_2_1",
     *KINDS,
 )
-"""Of a row. Those named as infractions count them by the ego's fault, ``infractions`` all."""
+"""Of a row. Those named as infractions count them by the ego's fault, ``infractions`` all.
+
+``source``, ``error_model`` and ``dose`` are what ``bev`` is made of, see ``added_error``.
+"""
 
 SHORTEST_KM = 0.001
 """Infractions per km are over at least so much, as in the Leaderboard's own statistics."""
@@ -59,6 +66,7 @@ class Score:
         bev: BEV source.
         agent: Agent.
         town: Town.
+        appearance: Look of the world; several, if they are summed up together, with commas.
         episodes: Number of episodes, over all seeds.
         seeds: Number of seeds.
         planned_m: Planned metres of all episodes, mean over seeds.
@@ -79,6 +87,7 @@ class Score:
     bev: str
     agent: str
     town: str
+    appearance: str
     episodes: int
     seeds: int
     planned_m: float
@@ -96,25 +105,33 @@ class Score:
     timeouts: int
 
 
-def score(results: Sequence[EpisodeResult]) -> list[Score]:
-    """Sum up results by source, agent and town, in order of appearance."""
-    groups: dict[tuple[str, str, str], list[EpisodeResult]] = {}
+def score(results: Sequence[EpisodeResult], *, by_look: bool = False) -> list[Score]:
+    """Sum up results by source, agent and town, in the order in which these occur.
+
+    Args:
+        results: Of episodes.
+        by_look: Apart for each look of the world too.
+    """
+    groups: dict[tuple[str, str, str, str], list[EpisodeResult]] = {}
     for result in results:
         job = result.job
-        groups.setdefault((job.bev, job.agent, job.town), []).append(result)
-    return [_score(bev, agent, town, rows) for (bev, agent, town), rows in groups.items()]
+        look = job.appearance if by_look else ""
+        groups.setdefault((job.bev, job.agent, look, job.town), []).append(result)
+    return [_score(rows) for rows in groups.values()]
 
 
-def _score(bev: str, agent: str, town: str, rows: Sequence[EpisodeResult]) -> Score:
+def _score(rows: Sequence[EpisodeResult]) -> Score:
     """Sum up the episodes of one source and agent in one town."""
+    first = rows[0].job
     seeds = len({row.job.seed for row in rows})
     counts = count_infractions(event for row in rows for event in row.events)
     travelled_km = sum(row.travelled_m for row in rows) / 1000.0
     outside_km = sum(row.outside_m for row in rows) / 1000.0
     return Score(
-        bev=bev,
-        agent=agent,
-        town=town,
+        bev=first.bev,
+        agent=first.agent,
+        town=first.town,
+        appearance=", ".join(dict.fromkeys(row.job.appearance for row in rows)),
         episodes=len(rows),
         seeds=seeds,
         planned_m=sum(row.planned_m for row in rows) / seeds,
@@ -139,7 +156,7 @@ def as_json(results: Sequence[EpisodeResult], note: dict[str, Any]) -> dict[str,
     """Everything about a run but the trajectories, JSON-ready."""
     return {
         "provenance": note,
-        "scores": [asdict(entry) for entry in score(results)],
+        "scores": [asdict(entry) for entry in score(results, by_look=True)],
         "episodes": [
             {
                 **_row(result),
@@ -169,10 +186,14 @@ def as_csv(results: Sequence[EpisodeResult], note: dict[str, Any]) -> str:
 def _row(result: EpisodeResult) -> dict[str, Any]:
     """One episode as flat columns."""
     x, y, _ = result.infraction_pose or (None, None, None)
+    source, model, dose = added_error(result.job.bev)
     values = {
         **result.job.as_dict(),
         **vars(result.job.conditions),
         **result.as_dict(),
+        "source": source,
+        "error_model": model,
+        "dose": dose,
         "infraction_x": x,
         "infraction_y": y,
         "driving_score_1_0": result.driving_score("1.0"),

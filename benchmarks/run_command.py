@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import shutil
 import sys
@@ -18,17 +19,23 @@ from bev_driving_env.command_line import UsageError
 from bev_driving_env.env import BEVTownEnv
 from bev_driving_env.files import write_bytes, write_json, write_text
 from bev_driving_env.provenance import file_hash, git_commit, provenance
-from bev_driving_env.sources.expressions import sources_of
+from bev_driving_env.sources.corrupted import CORRUPTIONS
+from bev_driving_env.sources.expressions import sources_of, with_errors
 from bev_driving_env.sources.registry import bev_source_names, source_file
 from bev_driving_env.towns.registry import town_names
 from bev_driving_env.world.traffic import PRESETS
 
+from .dose_response import curves, dose_table, draw_curves
 from .drive import EpisodeResult
 from .maps import draw_trajectories, png_bytes
+from .pool import Execute, in_processes
+from .ray_pool import check_ray, ray_cluster
 from .results import as_csv, as_json, score
 from .runner import claim_folder, run_jobs
 from .suites import SUITES, Suite, jobs_of
-from .tables import SEEN, leaderboard_table, seen_table, table
+from .tables import SEEN, appearance_table, leaderboard_table, seen_table, table
+
+EXECUTORS = ("processes", "ray")
 
 
 @dataclass(frozen=True)
@@ -47,6 +54,8 @@ class RunOptions:
         video: Whether to write a video of each episode.
         online: Whether to measure the policy's BEV at every step.
         traffic: Traffic instead of the suite's own; None for the suite's own.
+        executor: What drives: ``"processes"`` of this machine, or a cluster of ``"ray"``.
+        ray_address: Of the cluster; None for ``RAY_ADDRESS``, or else one that is started here.
     """
 
     suite: str
@@ -60,6 +69,8 @@ class RunOptions:
     video: bool
     online: bool = True
     traffic: str | None = None
+    executor: str = "processes"
+    ray_address: str | None = None
 
     def __post_init__(self) -> None:
         SUITES[self.suite].with_traffic(self.traffic)
@@ -71,6 +82,10 @@ class RunOptions:
             raise ValueError(f"--workers must be at least 1, got {self.workers}")
         if min(self.seed) < 0:
             raise ValueError(f"--seed must be at least 0, got {min(self.seed)}")
+        if self.ray_address is not None and self.executor != "ray":
+            raise ValueError(f"--ray-address {self.ray_address} needs --executor ray")
+        if self.executor == "ray":
+            check_ray()
 
     @property
     def driven_suite(self) -> Suite:
@@ -97,7 +112,8 @@ def add_parser(verbs: Any) -> None:
         "run",
         help="drive a suite and print its table",
         description="Drive every episode of a suite and write the results: table.md, results.json, "
-        "episodes.csv, map_<town>.png. A run that was interrupted resumes.",
+        "episodes.csv, map_<town>.png, and dose_response.png of suite corruptions. A run that was "
+        "interrupted resumes.",
         epilog=f"suites:\n{suites}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -125,6 +141,18 @@ def add_parser(verbs: Any) -> None:
     parser.add_argument("--out", type=Path, required=True, help="folder for the results")
     parser.add_argument(
         "--workers", type=int, default=os.cpu_count() or 1, help="processes; default: all cores"
+    )
+    parser.add_argument(
+        "--executor",
+        choices=EXECUTORS,
+        default=EXECUTORS[0],
+        help="processes of this machine, or a Ray cluster; default: processes",
+    )
+    parser.add_argument(
+        "--ray-address",
+        metavar="ADDRESS",
+        help="of a running cluster, whose machines share the folder OUT; all its CPUs are used. "
+        "Default: RAY_ADDRESS, or else a cluster of --workers CPUs on this machine",
     )
     parser.add_argument(
         "--overwrite", action="store_true", help="discard what the folder already holds"
@@ -162,22 +190,37 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
             video=namespace.video,
             online=not namespace.no_online,
             traffic=namespace.traffic,
+            executor=namespace.executor,
+            ray_address=namespace.ray_address,
         )
         suite = options.driven_suite
         jobs = list(jobs_of(suite, options.town, options.bev, options.agent, options.seed))
         checked_specs(options.bev, options.agent, options.town[0], suite)
     except ValueError as error:
         raise UsageError(str(error)) from error
-    if options.overwrite:
-        discard_run(options.out)
     hashes = {**agent_hashes(options.agent), **source_hashes(options.bev)}
     note = provenance(argv, options.seed, hashes)
-    claim_folder(options.out, run_identity(options.identity, hashes), note)
-    results = run_jobs(
-        jobs, options.out, options.workers, videos=options.video, moments=options.online
-    )
+    with _executor(options) as execute:
+        if options.overwrite:
+            discard_run(options.out)
+        claim_folder(options.out, run_identity(options.identity, hashes), note)
+        results = run_jobs(
+            jobs,
+            options.out,
+            options.workers,
+            videos=options.video,
+            moments=options.online,
+            execute=execute,
+        )
     _write(options, results, note)
     return _report(options, results)
+
+
+def _executor(options: RunOptions) -> contextlib.AbstractContextManager[Execute]:
+    """What drives the episodes."""
+    if options.executor == "ray":
+        return ray_cluster(options.ray_address, options.workers)
+    return contextlib.nullcontext(in_processes)
 
 
 def agent_hashes(specs: Sequence[str]) -> dict[str, str]:
@@ -204,7 +247,10 @@ def checked_specs(bevs: Sequence[str], agents: Sequence[str], town: str, suite: 
         ValueError: One cannot.
     """
     for source in bevs:
-        env = BEVTownEnv(town, bev_source=source, **suite.conditions.keywords)
+        # with the smallest dose of every error model, where there will be errors
+        doses = dict.fromkeys(CORRUPTIONS, min(suite.doses)) if suite.doses else {}
+        for spec in dict.fromkeys((source, with_errors(source, doses))):
+            env = BEVTownEnv(town, bev_source=spec, **suite.conditions.keywords)
     for spec in agents:
         make_agent(spec, env)
 
@@ -237,14 +283,22 @@ def _write(options: RunOptions, results: Sequence[EpisodeResult], note: dict[str
         lines += [f"{SEEN}\n\n{seen_table(results)}", ""]
     lines += [f"Suite `{suite.name}`{traffic}. {_footnote(note)}", ""]
     write_text(options.out / "table.md", "\n".join(lines))
+    if suite.doses:
+        write_bytes(options.out / "dose_response.png", draw_curves(curves(results), note))
     for town in options.town:
-        image = draw_trajectories(town, results)
+        # trajectories of sixty drivers hide each other: of those as they are
+        shown = [result for result in results if result.job.bev in options.bev]
+        image = draw_trajectories(town, shown)
         write_bytes(options.out / f"map_{town}.png", png_bytes(image, note))
 
 
 def _table(suite: Suite, results: Sequence[EpisodeResult]) -> str:
     """The table that belongs to a suite."""
-    scores = score(results)
+    if suite.doses:
+        return dose_table(curves(results))
+    scores = score(results, by_look=bool(suite.appearances))
+    if suite.appearances:
+        return appearance_table(scores)
     return leaderboard_table(scores) if suite.leaderboard else table(scores)
 
 
@@ -264,5 +318,6 @@ def _report(options: RunOptions, results: Sequence[EpisodeResult]) -> int:
         print(f"{agent} on {bev} failed in {result.job.key}: {result.failure}", file=sys.stderr)
     if failed:
         print(f"{len(failed)} episodes failed; tracebacks are in results.json", file=sys.stderr)
-    print(f"\nresults in {options.out}: table.md, results.json, episodes.csv, map_*.png")
+    figure = ", dose_response.png" if options.driven_suite.doses else ""
+    print(f"\nresults in {options.out}: table.md, results.json, episodes.csv, map_*.png{figure}")
     return 1 if failed else 0

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
+from agents.registry import SHIPPED
 from bev_driving_env.files import write_json
+from bev_driving_env.sources.expressions import sources_of
+from bev_driving_env.sources.registry import bev_source_names
+from bev_driving_env.towns.registry import compiled_town, route_book
 
 from .drive import EpisodeResult, drive, never_driven
 from .errors import OtherRunError
-from .pool import in_processes
+from .pool import Execute, Result, in_processes
 from .suites import Job
 
 
@@ -46,21 +49,27 @@ def run_jobs(
     *,
     videos: bool = False,
     moments: bool = False,
+    execute: Execute = in_processes,
 ) -> list[EpisodeResult]:
     """Drive all jobs that have no result yet, and return the results of all.
 
     Args:
         jobs: What to drive.
         out: Output folder; finished episodes are kept in its ``episodes`` folder.
-        workers: Processes to use; with 1 the episodes are driven in this one.
+        workers: Processes to use; with 1 what comes with BEVTown is driven in this one.
         videos: Also write an MP4 of each episode to the ``videos`` folder; an episode without one
             is driven again.
         moments: Also look at the policy's BEV at every step, unless it is the ground truth, and
             write what it was worth to the ``moments`` folder; likewise.
+        execute: What drives them: worker processes, or a cluster.
 
     Returns:
-        Results in the order of the jobs.
+        Results in the order of the jobs. If the process of an episode died, it has failed.
+
+    Raises:
+        OtherRunError: The folder holds something else, or machines of a cluster do not share it.
     """
+    out = out.resolve()  # workers may have another working folder
     folder = out / "episodes"
     results = {job: read_result(folder, job) for job in jobs}
     wanted = {
@@ -72,12 +81,35 @@ def run_jobs(
         for job in jobs
     }
     missing = [(job, kept) for job, kept in wanted.items() if _is_missing(results[job], kept)]
+    if execute is in_processes and workers == 1 and all(_is_trusted(job) for job, _ in missing):
+        execute = in_this_process
     kept = len(jobs) - len(missing)
     with tqdm(total=len(jobs), initial=kept, unit="episode", desc="driving") as bar:
-        for result in _drive_all(missing, folder, workers):
+        for result in _drive_all(longest_first(missing), folder, workers, execute):
             results[result.job] = result
             bar.update()
     return [result for result in results.values() if result is not None]
+
+
+def longest_first(tasks: Sequence[Task]) -> list[Task]:
+    """Source by source, so that a worker has few environments at once, and long routes first.
+
+    Workers that share the last few drives then do not wait long for one of them.
+    """
+    sources = list(dict.fromkeys(job.bev for job, _ in tasks))
+    lengths: dict[tuple[str, str, int], float] = {}
+    for job, _ in tasks:
+        place = (job.town, job.routes, job.index)
+        if place not in lengths:
+            town = compiled_town(job.town)
+            lengths[place] = route_book(job.town).route(job.routes, job.index, town).length_m
+    return sorted(
+        tasks,
+        key=lambda task: (
+            sources.index(task[0].bev),
+            -lengths[task[0].town, task[0].routes, task[0].index],
+        ),
+    )
 
 
 def _is_missing(result: EpisodeResult | None, wanted: Keepsakes) -> bool:
@@ -85,40 +117,57 @@ def _is_missing(result: EpisodeResult | None, wanted: Keepsakes) -> bool:
     return result is None or (wanted.are_missing() and not result.error)
 
 
-def _drive_all(jobs: Sequence[Task], folder: Path, workers: int) -> Iterator[EpisodeResult]:
-    if workers == 1 or len(jobs) <= 1:
-        for job, wanted in jobs:
-            yield drive_and_keep(job, folder, wanted)
-        return
-    left = dict(jobs)
-    try:
-        for result in _drive_in_pool(jobs, folder, workers):
-            del left[result.job]
+def _drive_all(
+    tasks: Sequence[Task], folder: Path, workers: int, execute: Execute
+) -> Iterator[EpisodeResult]:
+    died: list[Task] = []
+    for task, result in _driven(tasks, folder, workers, execute):
+        if result is None:
+            died.append(task)
+        else:
             yield result
-    except BrokenProcessPool:
-        # a driver or predictor brought its process down, and the others' with it: one at a time,
-        # so that it is known which
-        for job, wanted in left.items():
-            yield _drive_apart(job, folder, wanted)
+    # by its own driver or predictor, or by what an earlier episode left behind, or for want of
+    # memory: once more, alone, so that an episode fails for its own sake only
+    for task, result in _driven(died, folder, 1, execute, apart=True):
+        if result is None:
+            failure = "the process that drove it died (see its output above, if there is any)"
+            result = never_driven(task[0], failure)
+            _keep(result, folder)
+        yield result
 
 
-def _drive_in_pool(jobs: Sequence[Task], folder: Path, workers: int) -> Iterator[EpisodeResult]:
-    calls = [(job, folder, wanted) for job, wanted in jobs]
-    return in_processes(drive_and_keep, calls, workers)
+def _driven(
+    tasks: Sequence[Task], folder: Path, workers: int, execute: Execute, *, apart: bool = False
+) -> Iterator[tuple[Task, EpisodeResult | None]]:
+    """Drive, in any order; None in place of the result if the process died."""
+    calls = [(job, folder, wanted) for job, wanted in tasks]
+    for number, result in execute(drive_and_keep, calls, workers, apart=apart):
+        if result is not None and not _path(folder, result.job).exists():
+            raise OtherRunError(
+                f"{_path(folder, result.job)} was written, but not where this process can see it: "
+                f"choose an --out in a folder that all machines of the cluster share"
+            )
+        yield tasks[number], result
 
 
-def _drive_apart(job: Job, folder: Path, wanted: Keepsakes) -> EpisodeResult:
-    """Drive a job in a process of its own; if that dies, the episode has failed."""
-    result = read_result(folder, job)
-    if result is not None and not _is_missing(result, wanted):
-        return result  # it was finished, and its process died over the next one
-    try:
-        (result,) = _drive_in_pool([(job, wanted)], folder, 1)
-    except BrokenProcessPool:
-        failure = "the process that drove this episode died (see its output above, if there is any)"
-        result = never_driven(job, failure)
-        _keep(result, folder)
-    return result
+def in_this_process(
+    function: Callable[..., Result],
+    calls: Iterable[tuple[Any, ...]],
+    workers: int,
+    *,
+    apart: bool = False,
+) -> Iterator[tuple[int, Result | None]]:
+    """One call after the other, without the second or two that a worker takes to start."""
+    for number, arguments in enumerate(calls):
+        yield number, function(*arguments)
+
+
+def _is_trusted(job: Job) -> bool:
+    """Whether nothing foreign drives or predicts, which could bring down its process."""
+    known = bev_source_names()
+    return job.agent in ("expert", *SHIPPED) and all(
+        source in known for source in sources_of(job.bev)
+    )
 
 
 def drive_and_keep(job: Job, folder: Path, wanted: Keepsakes = NOTHING) -> EpisodeResult:
@@ -130,13 +179,16 @@ def drive_and_keep(job: Job, folder: Path, wanted: Keepsakes = NOTHING) -> Episo
 
 def _keep(result: EpisodeResult, folder: Path) -> None:
     # the run's own file, one folder up, holds command, versions, commit and date
-    path = folder / f"{result.job.key}.json"
-    write_json(path, {**result.as_dict(), "run": "../run.json"})
+    write_json(_path(folder, result.job), {**result.as_dict(), "run": "../run.json"})
+
+
+def _path(folder: Path, job: Job) -> Path:
+    return folder / f"{job.key}.json"
 
 
 def read_result(folder: Path, job: Job) -> EpisodeResult | None:
     """The kept result of a job, or None if it has to be driven."""
-    path = folder / f"{job.key}.json"
+    path = _path(folder, job)
     try:
         result = EpisodeResult.from_dict(json.loads(path.read_text(encoding="utf-8")))
     except FileNotFoundError:

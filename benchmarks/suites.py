@@ -3,15 +3,31 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
+from bev_driving_env.sources.corrupted import CORRUPTIONS
+from bev_driving_env.sources.expressions import (
+    corruption,
+    is_corruption,
+    is_mixture,
+    with_errors,
+)
 from bev_driving_env.towns.registry import compiled_town, route_book
 
 LOOKS = {"Town01": "train", "Town02": "test"}
 """The paper's protocol: Town01 is seen, Town02 is held out, in place and in looks."""
+APPEARANCES = (
+    *("train", "test", "hard"),
+    *("test:clear", "test:overcast", "test:wet", "test:light_fog", "test:dusk"),
+    *("hard:night", "hard:dense_fog", "hard:low_sun"),
+)
+"""Looks of suite ``appearance``: the sets, then one kind of weather and light at a time."""
+DOSES = (0.1, 0.2, 0.4, 0.7, 1.0)
+"""Doses of suite ``corruptions``; latency counts in tenths."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +77,9 @@ class Suite:
         summary: One line for ``--help``.
         conditions: Keywords of the environment.
         leaderboard: Whether its table is the CARLA Leaderboard's, and not the paper's.
+        appearances: Looks that every route is driven under; none for the paper's protocol.
+        doses: Doses at which each error model is added to each BEV source, one at a time, besides
+            the source as it is; none for the source as it is alone.
     """
 
     name: str
@@ -68,6 +87,21 @@ class Suite:
     summary: str
     conditions: Conditions = field(default_factory=Conditions)
     leaderboard: bool = False
+    appearances: tuple[str, ...] = ()
+    doses: tuple[float, ...] = ()
+
+    def variants(self, bev: str) -> list[str]:
+        """The BEV sources that are driven where one is asked for.
+
+        Raises:
+            ValueError: Errors are to be added to what they cannot be added to.
+        """
+        corrupted = [
+            with_errors(bev, {model: dose})
+            for model in (CORRUPTIONS if self.doses else ())
+            for dose in self.doses
+        ]
+        return [bev, *corrupted]
 
     def with_traffic(self, traffic: str | None) -> Suite:
         """The same suite with other traffic; itself for None.
@@ -106,8 +140,39 @@ SUITES = {
             ),
             leaderboard=True,
         ),
+        Suite(
+            "appearance",
+            "episode",
+            "the paper's episodes under every set of looks and in single kinds of weather",
+            appearances=APPEARANCES,
+        ),
+        Suite(
+            "corruptions",
+            "episode",
+            f"the paper's episodes with each error model at {len(DOSES)} doses (dose-response)",
+            doses=DOSES,
+        ),
     )
 }
+
+
+def added_error(bev: str) -> tuple[str, str, float | None]:
+    """Source, error model and dose of a BEV source behind one error model.
+
+    Of any other, itself, "" and None: also of one with several errors, or with errors on some
+    channels only, which no suite drives.
+
+    >>> added_error("cvt_kde~shift=0.5")
+    ('cvt_kde', 'shift', 0.5)
+    >>> added_error("cvt_kde")
+    ('cvt_kde', '', None)
+    """
+    if is_corruption(bev) and not is_mixture(bev):
+        source, doses, channels = corruption(bev)
+        if len(doses) == 1 and channels is None:
+            ((model, dose),) = doses.items()
+            return source, model, dose
+    return bev, "", None
 
 
 @dataclass(frozen=True)
@@ -166,20 +231,26 @@ def jobs_of(
     agents: Sequence[str],
     seeds: Sequence[int],
 ) -> Iterator[Job]:
-    """All jobs of a run: every source, agent, seed and town, over all routes of the suite.
+    """All jobs of a run: every source, agent, seed, look and town, over all routes of the suite.
 
     Raises:
-        ValueError: A town is unknown or has no such routes.
+        ValueError: A town is unknown or has no such routes, or a source cannot be made worse.
     """
     for town in towns:
         # plans the first route, so that a town without this suite is told of before any driving
         route_book(town).route(suite.routes, 0, compiled_town(town))
-    for bev in bevs:
-        for agent in agents:
-            for seed in seeds:
-                for town in towns:
-                    look = LOOKS.get(town, "train")
-                    for index in range(route_book(town).size(suite.routes)):
-                        yield Job(
-                            town, suite.routes, index, bev, agent, seed, look, suite.conditions
-                        )
+    places = [(town, k) for town in towns for k in range(route_book(town).size(suite.routes))]
+    variants = [variant for bev in bevs for variant in suite.variants(bev)]
+    for bev, agent, seed in itertools.product(variants, agents, seeds):
+        for look in suite.appearances or (None,):
+            for town, index in places:
+                yield Job(
+                    town=town,
+                    routes=suite.routes,
+                    index=index,
+                    bev=bev,
+                    agent=agent,
+                    seed=seed,
+                    appearance=look or LOOKS.get(town, "train"),
+                    conditions=suite.conditions,
+                )

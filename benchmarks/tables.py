@@ -44,6 +44,27 @@ def table(scores: Sequence[Score]) -> str:
     return markdown(header, rows)
 
 
+def appearance_table(scores: Sequence[Score]) -> str:
+    """The same columns as Markdown, a row a source and look of the world.
+
+    Args:
+        scores: Apart by look.
+    """
+    towns = list(dict.fromkeys(entry.town for entry in scores))
+    header = ["BEV source", "Agent", "Look"]
+    planned = {entry.town: entry.planned_m for entry in scores}
+    first = ["*planned*", "", ""]
+    for town in towns:
+        header += [f"{town} route (m)", "Infrac.", "Clean"]
+        first += [f"*{planned[town]:.0f}*", "", ""]
+    by_key = {(e.bev, e.agent, e.appearance, e.town): e for e in scores}
+    rows = [first]
+    for drive in dict.fromkeys(key[:3] for key in by_key):
+        entries = [by_key.get((*drive, town)) for town in towns]
+        rows.append([*drive, *(c for e in entries for c in (_cells(e) if e else [""] * 3))])
+    return markdown(header, rows, text_columns=3)
+
+
 def _cells(entry: Score) -> list[str]:
     return [
         f"{entry.route_m:.0f}",
@@ -59,13 +80,20 @@ SEEN = (
 
 
 def seen_table(results: Sequence[EpisodeResult]) -> str:
-    """What the policy's BEV was worth on the way as Markdown, a row a source, agent and town."""
-    groups: dict[tuple[str, str, str], list[EpisodeResult]] = {}
+    """What the policy's BEV was worth on the way as Markdown, a row a source, agent and town.
+
+    And a row a look of the world, if a town was driven under several.
+    """
+    looks = {(result.job.town, result.job.appearance) for result in results}
+    several = len(looks) > len({town for town, _ in looks})
+    groups: dict[tuple[str, ...], list[EpisodeResult]] = {}
     for result in results:
         if result.online is not None:
             job = result.job
-            groups.setdefault((job.bev, job.agent, job.town), []).append(result)
-    header = ["BEV source", "Agent", "Town", *CHANNELS, "route, critical", "route, turn"]
+            name = (job.bev, job.agent, job.town, *([job.appearance] if several else []))
+            groups.setdefault(name, []).append(result)
+    names = ["BEV source", "Agent", "Town", *(["Look"] if several else [])]
+    header = [*names, *CHANNELS, "route, critical", "route, turn"]
     header += ["divergence", "divergence, turn"]
     rows = []
     for name, drives in groups.items():
@@ -74,7 +102,7 @@ def seen_table(results: Sequence[EpisodeResult]) -> str:
         values += [seen[place].iou["route"] for place in ("critical", "turn")]
         values += [seen[place].divergence for place in ("all", "turn")]
         rows.append([*name, *(f"{v:.3f}" if math.isfinite(v) else "-" for v in values)])
-    return markdown(header, rows, text_columns=3)
+    return markdown(header, rows, text_columns=len(names))
 
 
 def leaderboard_table(scores: Sequence[Score]) -> str:

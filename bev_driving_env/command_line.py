@@ -6,11 +6,21 @@ import argparse
 import signal
 import sys
 from collections.abc import Sequence
+from types import FrameType
 from typing import NoReturn
 
 
 class UsageError(Exception):
     """Something the user can put right; reported in one line, exit status 2."""
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM, which ends a command in the same orderly way as Ctrl-C, with another status."""
+
+
+def raise_terminated(_: int, __: FrameType | None) -> NoReturn:
+    """Handler of SIGTERM."""
+    raise Terminated
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -35,10 +45,9 @@ def run_verb(
         mistakes: What is reported in one line, besides ``UsageError`` and ``OSError``.
 
     Returns:
-        Exit status: the command's, 2 for a mistake, 130 if interrupted.
+        Exit status: the command's, 2 for a mistake, 130 after Ctrl-C, 143 after SIGTERM.
     """
-    # a polite kill takes the same way out as Ctrl-C
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, raise_terminated)
     options = parser.parse_args(arguments)
     told: tuple[type[Exception], ...] = (UsageError, OSError, *mistakes)
     try:
@@ -46,6 +55,6 @@ def run_verb(
     except told as error:
         print(f"{parser.prog} {options.verb}: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as stop:
         print(f"\n{parser.prog} {options.verb}: interrupted{options.interrupted}", file=sys.stderr)
-        return 130
+        return 128 + (signal.SIGTERM if isinstance(stop, Terminated) else signal.SIGINT)

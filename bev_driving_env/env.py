@@ -178,10 +178,11 @@ class BEVTownEnv(gym.Env[Any, Any]):
     With `traffic_lights` one approach of a junction after the other has green for 10 s.
 
     Each episode draws its look from the set `appearance`: `"train"`; `"test"` with other palettes,
-    weather and light; `"hard"` with night, fog, low sun, dirty lenses and more to hide behind. An
-    int is the seed of one look of `"train"` for all episodes. With `camera_motion` the body
-    pitches and rolls by up to 2 degrees and each camera is mounted a little wrongly; sources are
-    told the nominal rig all the same.
+    weather and light; `"hard"` with night, fog, low sun, dirty lenses and more to hide behind.
+    `"hard:night"` and the like keep to one condition of weather and light. An int is the seed of
+    one look of `"train"` for all episodes. With `camera_motion` the body pitches and rolls by up
+    to 2 degrees and each camera is mounted a little wrongly; sources are told the nominal rig all
+    the same.
 
     ## Beyond Gymnasium
     On `env.unwrapped`: `ground_truth_bev()`, `sensor_frame()`, `snapshot()` and `restore(s)`,

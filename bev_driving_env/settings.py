@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any
 
-from .cameras.look import APPEARANCES
+from .cameras.look import APPEARANCES, check_appearance
 from .cameras.renderer import CameraSettings
 from .cameras.rig import CAMERA_SIZE, SURROUND, Camera, CameraRig
 from .checks import configured, is_int, require_positive
@@ -94,9 +94,9 @@ class EnvSettings:
             )
 
     def _check_cameras(self) -> None:
-        if self.appearance not in APPEARANCES and not (
-            is_int(self.appearance) and int(self.appearance) >= 0
-        ):
+        if isinstance(self.appearance, str):
+            check_appearance(self.appearance)
+        elif not (is_int(self.appearance) and int(self.appearance) >= 0):
             raise ValueError(
                 f"appearance must be an int seed of at least 0 or one of {', '.join(APPEARANCES)}, "
                 f"got {self.appearance!r}"
@@ -121,7 +121,7 @@ class EnvSettings:
             cruise_speed_mps=self.max_speed_mps,
             terminate_on=tuple(INFRACTIONS if self.terminate_on is None else self.terminate_on),
             time_limit_s=self.time_limit_s,
-            dense_furniture=self.appearance == "hard",
+            dense_furniture=self.camera_settings().set_name == "hard",
             traffic=traffic_config(self.traffic, self.traffic_lights, town),
             vehicle=configured(VehicleModel, self.vehicle),
             rules=configured(Rules, self.rules),

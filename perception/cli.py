@@ -31,7 +31,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     Returns:
         Exit status: 0 done, 2 a mistake in the arguments or a log that cannot be read,
-        130 interrupted.
+        130 after Ctrl-C,
+        143 after SIGTERM.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
     return run_verb(build_parser(), arguments, (LogError,))

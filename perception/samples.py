@@ -107,7 +107,7 @@ class BEVSamples(Dataset[Sample]):
             )
         self._looks = looks
         self._settings = [self._settings_of(log, rig) for log in self.logs]
-        held_out = [s.appearance for s in self._settings if s.appearance in HELD_OUT]
+        held_out = [s.appearance for s in self._settings if s.set_name in HELD_OUT]
         if split == "train" and held_out:
             raise ValueError(
                 f"a log has the appearance {held_out[0]!r}, which is kept for testing: train on it "

@@ -130,3 +130,55 @@ def _svg(content: Sequence[Markup], title: str, height: float = HEIGHT) -> Marku
 
 def _text(text: str, x: float, y: float, anchor: str) -> Markup:
     return element("text", text, x=f"{x:.1f}", y=f"{y:.1f}", text_anchor=anchor)
+
+
+def line_chart(
+    lines: Mapping[str, Sequence[tuple[float, float]]], x_label: str, y_label: str
+) -> Markup:
+    """Lines through points, from 0 to the largest value on both axes.
+
+    Args:
+        lines: Points (x, y) of each line by its name, in the order of x.
+        x_label: Below.
+        y_label: Above.
+    """
+    points = [point for line in lines.values() for point in line]
+    right = max((x for x, _ in points), default=1.0) or 1.0
+    top = max((y for _, y in points), default=1.0) or 1.0
+
+    def place(x: float, y: float) -> tuple[float, float]:
+        across = LEFT + x / right * (WIDTH - LEFT - RIGHT)
+        return across, HEIGHT - BOTTOM - y / top * (HEIGHT - TOP - BOTTOM)
+
+    drawn = []
+    for k in range(TICKS + 1):
+        (x, _), (_, y) = place(k / TICKS * right, 0.0), place(0.0, k / TICKS * top)
+        drawn += [
+            _text(f"{k / TICKS * right:.2g}", x, HEIGHT - BOTTOM + 18, "middle"),
+            _text(f"{k / TICKS * top:.0f}", LEFT - 8, y + 4, "end"),
+            element("line", x1=LEFT, x2=WIDTH - RIGHT, y1=f"{y:.1f}", y2=f"{y:.1f}", class_="grid"),
+        ]
+    drawn += [
+        _text(x_label, (LEFT + WIDTH - RIGHT) / 2, HEIGHT - 8, "middle"),
+        _text(y_label, LEFT, TOP - 4, "start"),
+    ]
+    for number, (name, line) in enumerate(lines.items()):
+        # colours come again after a while: dashes tell those lines from the first ones
+        dashes = "6 4" if number >= len(PALETTE) else None
+        path = " ".join(f"{x:.1f},{y:.1f}" for x, y in (place(*point) for point in line))
+        drawn.append(
+            element(
+                "polyline",
+                points=path,
+                fill="none",
+                stroke=colour_of(number),
+                stroke_width=2,
+                stroke_dasharray=dashes,
+            )
+        )
+        for x, y in line:
+            across, up = place(x, y)
+            title = element("title", f"{name}, {x:g}: {y:.0f}")
+            mark = {"cx": f"{across:.1f}", "cy": f"{up:.1f}", "fill": colour_of(number)}
+            drawn.append(element("circle", title, r=4, **mark))
+    return element("div", _svg(drawn, f"{y_label} against {x_label}"), legend(list(lines)))

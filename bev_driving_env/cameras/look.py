@@ -20,6 +20,12 @@ from .palettes import (
 
 APPEARANCES = ("train", "test", "hard")
 _CONDITIONS = {"train": TRAIN_CONDITIONS, "test": TEST_CONDITIONS, "hard": HARD_CONDITIONS}
+_SINGLE = {
+    "train": TRAIN_CONDITIONS,
+    "test": (*TRAIN_CONDITIONS, *TEST_CONDITIONS),
+    "hard": (*TRAIN_CONDITIONS, *HARD_CONDITIONS),
+}
+"""What may be asked for by name. Held-out conditions are in no appearance of ``"train"``."""
 MOUNT_SIGMA_DEG, MOUNT_MOST_DEG = 0.25, 0.7
 MOUNT_SIGMA_M, MOUNT_MOST_M = 0.008, 0.02
 EXPOSURE = (0.88, 1.12)
@@ -32,7 +38,7 @@ class Look:
     """Everything about an episode's appearance, as numbers.
 
     Attributes:
-        appearance: The set it was drawn from.
+        appearance: The appearance it was drawn from.
         seed: The seed it was drawn with.
         condition: Weather and light.
         palette: Colours of the place.
@@ -93,6 +99,46 @@ class Look:
         )
 
 
+def appearance_set(appearance: str) -> str:
+    """The set that an appearance belongs to.
+
+    >>> appearance_set("hard:low_sun")
+    'hard'
+    """
+    return appearance.partition(":")[0]
+
+
+def single_appearances(name: str) -> dict[str, Condition]:
+    """The appearances of a set that have one condition each: all else is drawn as for the set.
+
+    >>> list(single_appearances("train"))
+    ['train:clear', 'train:overcast', 'train:wet']
+    """
+    return {f"{name}:{each.name.replace(' ', '_')}": each for each in _SINGLE[name]}
+
+
+def check_appearance(appearance: object) -> None:
+    """Refuse what is not the name of an appearance.
+
+    Raises:
+        ValueError: There is no such appearance; the message lists those there are.
+    """
+    if isinstance(appearance, str) and appearance in APPEARANCES:
+        return
+    name = appearance_set(appearance) if isinstance(appearance, str) else ""
+    if name not in APPEARANCES:
+        raise ValueError(
+            f"appearance must be one of {', '.join(APPEARANCES)}, got {appearance!r} (a condition "
+            "goes behind, as in 'hard:night')"
+        )
+    known = single_appearances(name)
+    if appearance not in known:
+        raise ValueError(
+            f"appearance {appearance!r} has no such condition; those of {name!r}: "
+            f"{', '.join(known)}"
+        )
+
+
 def draw_look(
     appearance: str,
     seed: int,
@@ -104,24 +150,26 @@ def draw_look(
     """Draw a look; the same arguments give the same look in every process.
 
     Args:
-        appearance: ``"train"``, ``"test"`` or ``"hard"``.
+        appearance: ``"train"``, ``"test"`` or ``"hard"``, or one of these with a single condition,
+            as in ``"hard:night"``. The same seed then has the same palette, paints and mounting.
         seed: Any int of at least 0.
         cameras: Number of cameras.
         condition: Instead of one drawn from the set.
         palette: Likewise.
 
     Raises:
-        ValueError: There is no such set.
+        ValueError: There is no such appearance.
     """
-    if appearance not in APPEARANCES:
-        raise ValueError(f"appearance must be one of {', '.join(APPEARANCES)}, got {appearance!r}")
-    rng = np.random.default_rng([seed, APPEARANCES.index(appearance)])
-    conditions = _CONDITIONS[appearance]
-    palettes = TRAIN_PALETTES if appearance == "train" else TEST_PALETTES
+    check_appearance(appearance)
+    name = appearance_set(appearance)
+    condition = condition or single_appearances(name).get(appearance)
+    rng = np.random.default_rng([seed, APPEARANCES.index(name)])
+    conditions = _CONDITIONS[name]
+    palettes = TRAIN_PALETTES if name == "train" else TEST_PALETTES
     drawn_condition = conditions[rng.integers(len(conditions))]
     drawn_palette = palettes[rng.integers(len(palettes))]
     weather, place = condition or drawn_condition, palette or drawn_palette
-    car_paints = CAR_PAINTS if appearance == "train" else TEST_CAR_PAINTS
+    car_paints = CAR_PAINTS if name == "train" else TEST_CAR_PAINTS
     ground = place.ground_array() + rng.uniform(-JITTER, JITTER, (8, 3))
     paints = paint_table(place, car_paints)
     paints *= rng.uniform(0.92, 1.08, paints.shape)
@@ -145,7 +193,7 @@ def draw_look(
         blur_px=float(rng.uniform(*weather.blur_px)),
         exposure=rng.uniform(*EXPOSURE) * rng.uniform(*CAMERA_EXPOSURE, cameras),
         balance=rng.uniform(1.0 - BALANCE, 1.0 + BALANCE, (cameras, 3)),
-        dirty=appearance == "hard",
+        dirty=name == "hard",
         mount_deg=np.clip(mount_deg, -MOUNT_MOST_DEG, MOUNT_MOST_DEG),
         mount_m=np.clip(mount_m, -MOUNT_MOST_M, MOUNT_MOST_M),
     )

@@ -16,7 +16,7 @@ from ..kernels.noise import mix
 from ..kernels.scenery import Scenery
 from ..kernels.shading import GroundTexture
 from ..kernels.view import Ego
-from .look import Look, draw_look
+from .look import Look, appearance_set, draw_look
 from .optics import NOISE_TILE, Optics, build_optics, noise_tile
 from .rig import CameraRig
 
@@ -36,14 +36,19 @@ class CameraSettings:
 
     Attributes:
         rig: Where they sit; what predictors are told.
-        appearance: Set of looks to draw from, or the seed of one look of ``"train"`` for all
-            episodes.
+        appearance: What looks to draw, see ``draw_look``, or the seed of one look of ``"train"``
+            for all episodes.
         motion: Whether the body pitches and rolls and the mounting is a little off.
     """
 
     rig: CameraRig
     appearance: str | int = "train"
     motion: bool = True
+
+    @property
+    def set_name(self) -> str:
+        """The set that the looks belong to."""
+        return appearance_set(self.appearance) if isinstance(self.appearance, str) else "train"
 
     def look(self, episode_seed: int) -> Look:
         """The look of an episode."""
@@ -73,7 +78,7 @@ class CameraRenderer:
         worlds: int = 1,
     ) -> None:
         self.settings = settings
-        self._scenery: Scenery = town.scenery(dense=settings.appearance == "hard")
+        self._scenery: Scenery = town.scenery(dense=settings.set_name == "hard")
         ground = town.ground
         self._ground = GroundTexture(
             ground.grid.x0_m,

@@ -11,7 +11,7 @@
 from __future__ import annotations
 
 import os.path
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 MIXED, CORRUPTED = "|", "~"
@@ -75,6 +75,24 @@ def corruption(text: str) -> Corruption:
             f"expected SOURCE{CORRUPTED}MODEL=DOSE,...[@CHANNEL,...], got {text!r}"
         ) from error
     return Corruption(source, doses, tuple(names.split(",")) if at else None)
+
+
+def with_errors(spec: str, doses: Mapping[str, float]) -> str:
+    """A source behind error models; itself without any.
+
+    Raises:
+        ValueError: It is a mixture or has errors already, which cannot be written as one text.
+
+    >>> with_errors("cvt_kde", {"shift": 0.5})
+    'cvt_kde~shift=0.5'
+    """
+    if not doses:
+        return spec
+    if is_mixture(spec) or is_corruption(spec):
+        raise ValueError(
+            f"errors cannot be added to {spec!r}: name one source without {MIXED} and {CORRUPTED}"
+        )
+    return f"{spec}{CORRUPTED}{','.join(f'{name}={dose:g}' for name, dose in doses.items())}"
 
 
 def with_truth(spec: str, channels: Iterable[str]) -> str:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 from dataclasses import replace
@@ -211,3 +212,69 @@ def test_help_explains_every_option(verb, capsys):
     text = capsys.readouterr().out
     assert "default" in text
     assert len(text.splitlines()) > 10
+
+
+def short_suite(monkeypatch, name: str, **changes) -> None:
+    """A suite whose drives end after two seconds."""
+    suite = SUITES[name]
+    conditions = replace(suite.conditions, time_limit_s=2.0)
+    monkeypatch.setitem(SUITES, name, replace(suite, conditions=conditions, **changes))
+
+
+def table_cells(text: str) -> list[list[str]]:
+    lines = [line for line in text.splitlines() if line.startswith("|")]
+    return [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines]
+
+
+def test_suite_appearance_has_a_row_a_look(tmp_path, monkeypatch, capsys):
+    looks = ("train", "hard:low_sun")
+    short_suite(monkeypatch, "appearance", appearances=looks)
+    arguments = ["run", "--suite", "appearance", "--town", "Town02", "--bev", "ipm"]
+    assert main([*arguments, "--workers", "1", "--out", str(tmp_path)]) == 0
+    header, _, planned, *rows = table_cells(capsys.readouterr().out)
+    assert header == ["BEV source", "Agent", "Look", "Town02 route (m)", "Infrac.", "Clean"]
+    assert [row[:3] for row in rows] == [["ipm", "expert", look] for look in looks]
+    content = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    assert [row["appearance"] for row in content["episodes"]] == [k for k in looks for _ in "12345"]
+    assert [entry["appearance"] for entry in content["scores"]] == list(looks)
+    seen = table_cells((tmp_path / "table.md").read_text(encoding="utf-8"))
+    assert [row[:4] for row in seen[-2:]] == [["ipm", "expert", "Town02", look] for look in looks]
+    # another sky, another BEV
+    assert seen[-2][4:] != seen[-1][4:]
+
+
+def test_suite_corruptions_has_a_row_an_error_model_and_a_figure(tmp_path, monkeypatch, capsys):
+    short_suite(monkeypatch, "corruptions", doses=(0.5, 1.0))
+    monkeypatch.setattr("benchmarks.suites.CORRUPTIONS", ("shift", "latency"))
+    arguments = ["run", "--suite", "corruptions", "--town", "Town02", "--agent", "bc"]
+    assert main([*arguments, "--workers", "1", "--out", str(tmp_path)]) == 0
+    header, _, *rows = table_cells(capsys.readouterr().out)
+    assert header[3:] == ["dose 0", "dose 0.5", "dose 1"]
+    assert [row[2] for row in rows] == ["shift", "latency"]
+    assert rows[0][3] == rows[1][3]
+    content = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))
+    drives = [(row["source"], row["error_model"], row["dose"]) for row in content["episodes"]]
+    errors = [(model, dose) for model in ("shift", "latency") for dose in (0.5, 1.0)]
+    expected = [("ground_truth", *error) for error in (("", None), *errors)]
+    assert list(dict.fromkeys(drives)) == expected
+    with Image.open(tmp_path / "dose_response.png") as image:
+        assert "corruptions" in json.loads(image.text["provenance"])["command"]
+    assert main(["report", str(tmp_path), "--cards", "0"]) == 0
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count("<polyline") == 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        (["--suite", "corruptions", "--bev", "ipm~shift=0.1"], ["ipm~shift=0.1", "one source"]),
+        (["--ray-address", "auto"], ["--ray-address auto", "--executor ray"]),
+        (["--executor", "threads"], ["threads", "processes", "ray"]),
+    ],
+)
+def test_what_a_suite_or_executor_cannot_do_is_told_in_one_line(arguments, names, tmp_path, capsys):
+    with contextlib.suppress(SystemExit):
+        assert main(["run", *arguments, "--out", str(tmp_path / "out")]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert all(name in line for name in names)
+    assert not (tmp_path / "out").exists()

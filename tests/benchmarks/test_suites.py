@@ -5,8 +5,10 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.suites import SUITES, Conditions, Job, Suite, jobs_of
+from benchmarks.suites import SUITES, Conditions, Job, Suite, added_error, jobs_of
+from bev_driving_env.cameras.conditions import HARD_CONDITIONS
 from bev_driving_env.settings import EnvSettings
+from bev_driving_env.sources.corrupted import CORRUPTIONS
 from bev_driving_env.towns.registry import compiled_town
 from bev_driving_env.world.infractions import INFRACTIONS
 
@@ -84,3 +86,40 @@ def test_a_job_survives_a_round_trip_through_json(conditions):
     assert again == job
     assert hash(again) == hash(job)
     assert again.key == job.key
+
+
+def jobs(name: str, bevs: tuple[str, ...] = ("cvt",)) -> list[Job]:
+    return list(jobs_of(SUITES[name], ["Town01", "Town02"], bevs, ["bc"], [0]))
+
+
+def test_suite_appearance_drives_the_papers_episodes_under_every_look_in_both_towns():
+    made = jobs("appearance")
+    looks = list(dict.fromkeys(job.appearance for job in made))
+    assert {"train", "test", "hard"} <= {*looks}
+    plain = {(job.town, job.index) for job in jobs("paper")}
+    for look in looks:
+        assert {(job.town, job.index) for job in made if job.appearance == look} == plain
+        assert EnvSettings(appearance=look).appearance == look
+    assert len({job.key for job in made}) == len(made) == 10 * len(looks)
+
+
+def test_every_held_out_condition_has_a_look_of_its_own():
+    singles = {look.partition(":")[2] for look in SUITES["appearance"].appearances}
+    assert {each.name.replace(" ", "_") for each in HARD_CONDITIONS} <= singles
+
+
+def test_suite_corruptions_drives_every_error_model_at_every_dose_and_the_source_as_it_is():
+    made = jobs("corruptions")
+    paper = {replace(job, bev="") for job in jobs("paper")}
+    variants = {job.bev for job in made}
+    doses = SUITES["corruptions"].doses
+    expected = {("cvt", model, dose) for model in CORRUPTIONS for dose in doses}
+    assert {added_error(bev) for bev in variants} == {("cvt", "", None)} | expected
+    for bev in variants:
+        assert {replace(job, bev="") for job in made if job.bev == bev} == paper
+
+
+def test_errors_are_not_added_to_what_has_some_or_is_mixed():
+    for bev in ("cvt~shift=0.1", "cvt|route=ground_truth"):
+        with pytest.raises(ValueError, match="errors cannot be added"):
+            jobs("corruptions", (bev,))

@@ -38,7 +38,7 @@ def test_ground_truth_may_be_asked_for_in_every_form(source):
     assert gym.make("BEVTown01-v0", bev_source=source).reset(seed=0)[0]["bev"].any()
 
 
-@pytest.mark.parametrize("appearance", ["train", "test", "hard", 0, 12345])
+@pytest.mark.parametrize("appearance", ["train", "test", "hard", "hard:night", 0, 12345])
 def test_appearance_is_a_name_or_a_seed(appearance):
     assert EnvSettings(appearance=appearance).appearance == appearance
 
@@ -66,6 +66,8 @@ def test_appearance_is_a_name_or_a_seed(appearance):
         ("appearance", -1, r"at least 0.*-1"),
         ("appearance", "sunny", r"train, test, hard.*'sunny'"),
         ("appearance", True, r"train, test, hard.*True"),
+        ("appearance", "train:dusk", r"'train:dusk'.*train:clear, train:overcast, train:wet$"),
+        ("appearance", "night", r"train, test, hard, got 'night'.*'hard:night'"),
         ("camera_size", (8, 240), r"\(8, 240\)"),
         ("camera_size", (112,), r"\(112,\)"),
         ("camera_size", 112, r"112"),

@@ -103,7 +103,7 @@ def test_several_logs_make_one_set(logs):
 
 def test_no_network_is_trained_on_looks_for_testing(log_folder, monkeypatch):
     logs = open_logs([log_folder])
-    for held_out in ("test", "hard"):
+    for held_out in ("test", "hard", "test:clear", "hard:night"):
         changed = {**logs[0].header.settings, "appearance": held_out}
         monkeypatch.setitem(vars(logs[0].header), "settings", changed)
         logs[0].__dict__.pop("camera_settings", None)

@@ -14,7 +14,7 @@ from bev_driving_env.cameras.conditions import (
     TRAIN_CONDITIONS,
     WET,
 )
-from bev_driving_env.cameras.look import APPEARANCES, draw_look
+from bev_driving_env.cameras.look import APPEARANCES, draw_look, single_appearances
 from bev_driving_env.cameras.palettes import (
     CAR_PAINTS,
     JITTER,
@@ -23,7 +23,9 @@ from bev_driving_env.cameras.palettes import (
     TRAIN_PALETTES,
 )
 from bev_driving_env.kernels import paints as paint
+from bev_driving_env.settings import EnvSettings
 from bev_driving_env.towns.ground import MATERIALS
+from bev_driving_env.towns.registry import compiled_town
 
 SEEDS = range(120)
 WEATHER = ("sun", "ambient", "sight_m", "clouds", "wetness", "noise", "blur_px")
@@ -232,3 +234,30 @@ def test_an_unknown_set_is_refused_with_the_known_ones(name):
 
 if __name__ == "__main__":
     print(*digests())
+
+
+@pytest.mark.parametrize("name", APPEARANCES)
+def test_a_single_condition_leaves_all_else_as_the_set_draws_it(name):
+    for appearance, condition in single_appearances(name).items():
+        for seed in range(5):
+            single, whole = draw_look(appearance, seed), draw_look(name, seed)
+            assert single.condition == condition
+            assert single.palette == whole.palette
+            assert single.dirty == whole.dirty
+            np.testing.assert_array_equal(single.paints, whole.paints)
+            np.testing.assert_array_equal(single.mount_deg, whole.mount_deg)
+
+
+def test_no_held_out_condition_is_an_appearance_of_training():
+    conditions = single_appearances("train").values()
+    assert set(conditions) == set(TRAIN_CONDITIONS)
+    assert not set(conditions) & set(HARD_CONDITIONS)
+    for condition in HARD_CONDITIONS:
+        with pytest.raises(ValueError, match="no such condition"):
+            draw_look(f"train:{condition.name.replace(' ', '_')}", 0)
+
+
+def test_a_single_hard_condition_has_what_hard_has_besides():
+    settings = [EnvSettings(appearance=look) for look in ("hard", "hard:night", "test:dusk")]
+    town = compiled_town("Town01")
+    assert [each.world_config(town).dense_furniture for each in settings] == [True, True, False]

@@ -6,6 +6,7 @@ import threading
 
 import pytest
 
+from bev_driving_env.command_line import Terminated
 from bev_driving_env.training.interrupts import noted_interrupts
 
 
@@ -33,3 +34,16 @@ def test_another_thread_leaves_signals_alone():
     thread.start()
     thread.join()
     assert seen == [(False, before)]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_what_stops_training_tells_a_polite_kill_from_ctrl_c(number):
+    def train():
+        with noted_interrupts() as flag:
+            os.kill(os.getpid(), number)
+            if flag.is_set():
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt) as stopped:
+        train()
+    assert isinstance(stopped.value, Terminated) == (number == signal.SIGTERM)
