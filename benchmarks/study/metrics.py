@@ -20,7 +20,7 @@ OPEN_LOOP, ONLINE = "open loop", "online"
 NEAR, FAR = 0, len(BANDS) - 1
 ROUTE, STEERING = STATIC.index("route"), 1
 GOOD_ENOUGH = 0.7
-MEAN_IOU, ROUTE_TURN, DIVERGENCE = "mean_iou", "route_iou_turn", "divergence"
+MEAN_IOU, ROUTE_TURN, DIVERGENCE = "mean_iou", "iou_route_turn", "divergence"
 
 
 @dataclass(frozen=True)
