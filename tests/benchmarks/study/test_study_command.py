@@ -2,15 +2,21 @@
 
 import csv
 import functools
+import importlib.util
 import json
+import re
+import shlex
+from pathlib import Path
 
 import pytest
 from PIL import Image
 
 from benchmarks import runner, study_command
-from benchmarks.cli import main
+from benchmarks.cli import build_parser, main
 from benchmarks.study.frames import collect_logs
+from benchmarks.study.variants import KINDS, default_variants
 
+DOCS = Path(__file__).parents[3] / "docs"
 VARIANTS = ["ground_truth", "ground_truth~straightening=1@route", "ground_truth~shift=*@route"]
 
 
@@ -84,7 +90,32 @@ def test_a_study_writes_tables_and_figure_and_resumes(tmp_path, monkeypatch, cap
 def test_mistakes_are_told_in_one_line_and_nothing_is_written(more, message, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(arguments(out, *more)) == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
+    lines = capsys.readouterr().err.splitlines()
+    told = [line for line in lines if not line.startswith("BEVTown: compiling")]
+    assert len(told) == 1
+    assert message in told[0]
     assert not out.exists()
+
+
+def test_the_page_shows_a_command_that_parses_and_counts_the_variants_rightly():
+    page = (DOCS / "study.md").read_text("utf-8")
+    (line,) = re.findall(r"^bev-bench (study .*)$", page, flags=re.MULTILINE)
+    options = build_parser().parse_args(shlex.split(line))
+    assert (options.routes, options.samples, options.agent) == (20, 300, "bc")
+    variants = default_variants()
+    assert f"the same of {len(variants)}:" in page
+    for kind in KINDS[:-1]:
+        count = sum(variant.kind == kind for variant in variants)
+        assert re.search(rf"^\| {kind} +\| +{count} \|", page, flags=re.MULTILINE), kind
+
+
+def test_the_page_is_filled_between_its_marks_and_again():
+    spec = importlib.util.spec_from_file_location("fill_study", DOCS / "fill_study.py")
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    page = (DOCS / "study.md").read_text("utf-8")
+    once = script.filled(page, "# Title\n\nSome variants.\n\n## Conclusion\n\nSo.\n")
+    assert "Some variants.\n\n### Conclusion\n\nSo.\n" in once
+    assert "Pending" not in once
+    assert once.startswith(page[: page.index("<!--")])
+    assert script.filled(once, "# Title\n\nSome variants.\n\n## Conclusion\n\nSo.\n") == once

@@ -65,17 +65,19 @@ def test_errors_change_the_channels_that_they_name_and_no_others(spec):
     truth[1, 60:152, 90:103] = truth[1, 60:73, 90:180] = 255
     truth[2, :, 60:62] = 255
     view = PolicyView(spec, 1, BEVGeometry())
-    frames = [np.roll(truth, 4 * k, axis=1) for k in range(remembered_frames(spec) + 1)]
-    changed = np.zeros(6, bool)
+    frames = [np.roll(truth, 4 * k, axis=(1, 2)) for k in range(remembered_frames(spec) + 1)]
+    named = corruption(spec).channels
+    assert named is not None
+    changed = set()
     # by chance a frame may be spared: look at several episodes
-    for seed in range(8):
+    for seed in range(64):
         view.reset(0, seed)
         for frame in frames:
             seen = view.observe([0], pytest.fail, frame[None])[0]
-        changed |= (seen != frames[-1]).any(axis=(1, 2))
-    named = corruption(spec).channels
-    assert named is not None
-    assert {CHANNELS[k] for k in np.flatnonzero(changed)} == set(named)
+        changed |= {CHANNELS[k] for k in np.flatnonzero((seen != frames[-1]).any(axis=(1, 2)))}
+        if seed >= 3 and changed == set(named):
+            break
+    assert changed == set(named)
 
 
 def test_patterns_choose_and_checkpoints_are_added_once():
