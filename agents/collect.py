@@ -7,7 +7,7 @@ import functools
 import json
 import multiprocessing
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
@@ -99,6 +99,38 @@ def log_settings(town: str, settings: EnvSettings) -> dict[str, Any]:
         # a driver learns to recover from what would have ended the episode
         "terminate_on": [],
     }
+
+
+def log_header(
+    town: str,
+    settings: EnvSettings,
+    levels: Sequence[float],
+    seed: int,
+    note: Mapping[str, Any] | None = None,
+) -> LogHeader:
+    """Describe a log to be collected; also compiles, so that it fails here and not in a worker.
+
+    Args:
+        town: Town.
+        settings: Of the environment that is driven in.
+        levels: Perturbation level of each collection.
+        seed: Seed.
+        note: Where it comes from.
+
+    Raises:
+        ValueError: The environment cannot be made.
+    """
+    kept = log_settings(town, settings)
+    config = BEVTownEnv(town, **kept).world.config
+    return LogHeader(
+        town=town,
+        settings=kept,
+        control_hz=config.control_hz,
+        physics_hz=config.physics_hz,
+        seed=seed,
+        levels=tuple(levels),
+        provenance=dict(note or {}),
+    )
 
 
 def jobs_of(header: LogHeader, routes: Sequence[int] | None = None) -> list[EpisodeJob]:

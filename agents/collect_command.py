@@ -14,7 +14,6 @@ from typing import Any
 
 from bev_driving_env.cameras.look import APPEARANCES
 from bev_driving_env.command_line import UsageError
-from bev_driving_env.env import BEVTownEnv
 from bev_driving_env.logs.drive_log import log_bytes
 from bev_driving_env.logs.header import LogHeader
 from bev_driving_env.provenance import provenance
@@ -22,7 +21,7 @@ from bev_driving_env.settings import EnvSettings
 from bev_driving_env.towns.registry import town_names
 from bev_driving_env.world.traffic import PRESETS
 
-from .collect import claim_folder, collect, discard, jobs_of, log_settings, perturbation_levels
+from .collect import claim_folder, collect, discard, jobs_of, log_header, perturbation_levels
 
 
 @dataclass(frozen=True)
@@ -180,18 +179,8 @@ def _options(namespace: argparse.Namespace) -> CollectOptions:
 
 
 def _header(options: CollectOptions, argv: Sequence[str]) -> LogHeader:
-    """Describe the log; also compiles, and fails here rather than in every worker."""
-    settings = log_settings(options.town, options.settings)
-    config = BEVTownEnv(options.town, **settings).world.config
+    """Describe the log."""
     note = provenance(argv, [options.seed])
     note["command"] = shlex.join(["bev-agents", *argv])
     note["versions"]["pyarrow"] = importlib.metadata.version("pyarrow")
-    return LogHeader(
-        town=options.town,
-        settings=settings,
-        control_hz=config.control_hz,
-        physics_hz=config.physics_hz,
-        seed=options.seed,
-        levels=options.levels,
-        provenance=note,
-    )
+    return log_header(options.town, options.settings, options.levels, options.seed, note)

@@ -15,6 +15,7 @@ from . import (
     report_command,
     run_command,
     speed_command,
+    study_command,
     traffic_command,
 )
 
@@ -28,6 +29,7 @@ def build_parser() -> argparse.ArgumentParser:
     run_command.add_parser(verbs)
     report_command.add_parser(verbs)
     attribute_command.add_parser(verbs)
+    study_command.add_parser(verbs)
     play_command.add_parser(verbs)
     speed_command.add_parser(verbs)
     traffic_command.add_parser(verbs)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import stats
 
+Floats = NDArray[np.float64]
 LEVEL = 0.95
 RESAMPLES = 2000
 
@@ -30,6 +30,18 @@ class RankCorrelation:
     spearman_interval: tuple[float, float]
     kendall: float
     kendall_interval: tuple[float, float]
+
+
+class Advantage(NamedTuple):
+    """By how much one metric's Spearman rho is higher than another's.
+
+    Attributes:
+        difference: Of the two.
+        interval: Its 95 % interval; one that leaves out 0 says that one metric is better.
+    """
+
+    difference: float
+    interval: tuple[float, float]
 
 
 class Pair(NamedTuple):
@@ -63,20 +75,44 @@ def rank_correlation(
     Raises:
         ValueError: Other shapes, or fewer than three variants with both.
     """
-    x, y = np.asarray(metric, np.float64), np.asarray(outcome, np.float64)
-    if x.shape != y.shape or x.ndim != 1:
-        raise ValueError(f"metric and outcome must be (V,) and (V,), got {x.shape} and {y.shape}")
-    known = np.isfinite(x) & np.isfinite(y)
-    x, y = x[known], y[known]
-    if len(x) < 3:
-        raise ValueError(f"a correlation needs at least 3 variants with both, got {len(x)}")
-    rng = np.random.default_rng(seed)
-    drawn = rng.integers(len(x), size=(resamples, len(x)))
-    spearman = np.array([_spearman(x[some], y[some]) for some in drawn])
-    kendall = np.array([_kendall(x[some], y[some]) for some in drawn])
+    x, y = _known(outcome, metric)
+    weights = _resampled(len(x), seed, resamples)
     return RankCorrelation(
-        len(x), _spearman(x, y), _interval(spearman), _kendall(x, y), _interval(kendall)
+        len(x),
+        float(_spearman(x, y, _whole(x))[0]),
+        _interval(_spearman(x, y, weights)),
+        float(_kendall(x, y, _whole(x))[0]),
+        _interval(_kendall(x, y, weights)),
     )
+
+
+def advantage(
+    metric: ArrayLike,
+    other: ArrayLike,
+    outcome: ArrayLike,
+    seed: int = 0,
+    resamples: int = RESAMPLES,
+) -> Advantage:
+    """Compare two metrics on the same resampled sets of variants.
+
+    That tells smaller differences than two intervals side by side do: what a set of variants does
+    to one metric it mostly does to the other.
+
+    Args:
+        metric: (V,) of the variants, more of it being better.
+        other: (V,) of another metric, likewise.
+        outcome: (V,) what they came to in driving.
+        seed: Of the resampling.
+        resamples: How many.
+
+    Raises:
+        ValueError: As for :func:`rank_correlation`.
+    """
+    x, z, y = _known(outcome, metric, other)
+    weights = _resampled(len(x), seed, resamples)
+    differences = _spearman(x, y, weights) - _spearman(z, y, weights)
+    whole = _spearman(x, y, _whole(x)) - _spearman(z, y, _whole(x))
+    return Advantage(float(whole[0]), _interval(differences))
 
 
 def equal_but_different(
@@ -104,19 +140,67 @@ def equal_but_different(
     return sorted(pairs, key=lambda pair: -pair.gap)
 
 
-def _spearman(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
-    if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
-        return float("nan")
-    return float(stats.spearmanr(x, y).statistic)
+def _known(outcome: ArrayLike, *metrics: ArrayLike) -> list[Floats]:
+    """Metrics and then the outcome, of the variants of which all are known."""
+    values = [np.asarray(each, np.float64) for each in (*metrics, outcome)]
+    shapes = [each.shape for each in values]
+    if len(set(shapes)) > 1 or len(shapes[0]) != 1:
+        *theirs, last = shapes
+        raise ValueError(
+            f"metric and outcome must be (V,) and (V,), got {', '.join(map(str, theirs))} "
+            f"and {last}"
+        )
+    known = np.all(np.isfinite(values), axis=0)
+    if known.sum() < 3:
+        raise ValueError(f"a correlation needs at least 3 variants with both, got {known.sum()}")
+    return [each[known] for each in values]
 
 
-def _kendall(x: NDArray[np.float64], y: NDArray[np.float64]) -> float:
-    if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
-        return float("nan")
-    return float(stats.kendalltau(x, y).statistic)
+def _resampled(variants: int, seed: int, resamples: int) -> Floats:
+    """How often each variant was drawn (R, V) in each resampled set."""
+    drawn = np.random.default_rng(seed).integers(variants, size=(resamples, variants))
+    counts = np.zeros((resamples, variants))
+    np.add.at(counts, (np.arange(resamples)[:, None], drawn), 1.0)
+    return counts
 
 
-def _interval(values: NDArray[np.float64]) -> tuple[float, float]:
+def _whole(x: Floats) -> Floats:
+    """Each variant once."""
+    return np.ones((1, len(x)))
+
+
+def _spearman(x: Floats, y: Floats, weights: Floats) -> Floats:
+    """Spearman's rho (R,) of sets that hold each variant as often as its weight (R, V) says."""
+    of_x, of_y = _centred_ranks(x, weights), _centred_ranks(y, weights)
+    spread = np.sqrt((weights * of_x**2).sum(axis=1) * (weights * of_y**2).sum(axis=1))
+    return _ratio((weights * of_x * of_y).sum(axis=1), spread)
+
+
+def _centred_ranks(x: Floats, weights: Floats) -> Floats:
+    """Ranks (R, V) in each set less their mean; ties share the mean of their ranks."""
+    # a rank is the number of those below, and half of those alike
+    below = np.sign(x[:, None] - x) / 2.0
+    ranks: Floats = weights @ below.T
+    return ranks
+
+
+def _kendall(x: Floats, y: Floats, weights: Floats) -> Floats:
+    """Kendall's tau-b (R,) likewise; a variant and its copies are tied in both."""
+    of_x, of_y = np.sign(x[:, None] - x), np.sign(y[:, None] - y)
+
+    def pairs(signs: Floats) -> Floats:
+        total: Floats = ((weights @ signs) * weights).sum(axis=1)
+        return total
+
+    return _ratio(pairs(of_x * of_y), np.sqrt(pairs(of_x**2) * pairs(of_y**2)))
+
+
+def _ratio(part: Floats, whole: Floats) -> Floats:
+    """NaN where one side is constant."""
+    return np.divide(part, whole, out=np.full(part.shape, np.nan), where=whole > 0.0)
+
+
+def _interval(values: Floats) -> tuple[float, float]:
     known = values[np.isfinite(values)]
     if not len(known):
         return float("nan"), float("nan")

@@ -268,7 +268,7 @@ def run_identity(options: Mapping[str, Any], hashes: Mapping[str, str]) -> dict[
 def discard_run(out: Path) -> None:
     """Remove a run's own files from an output folder, and nothing else."""
     if (out / "run.json").exists():
-        for name in ("episodes", "videos", "moments", "rescues"):
+        for name in ("episodes", "videos", "moments", "rescues", "open_loop", "drive_logs"):
             shutil.rmtree(out / name, ignore_errors=True)
         (out / "run.json").unlink()
 
@@ -281,7 +281,7 @@ def _write(options: RunOptions, results: Sequence[EpisodeResult], note: dict[str
     lines = [_table(suite, results), ""]
     if any(result.online for result in results):
         lines += [f"{SEEN}\n\n{seen_table(results)}", ""]
-    lines += [f"Suite `{suite.name}`{traffic}. {_footnote(note)}", ""]
+    lines += [f"Suite `{suite.name}`{traffic}. {footnote(note)}", ""]
     write_text(options.out / "table.md", "\n".join(lines))
     if suite.doses:
         write_bytes(options.out / "dose_response.png", draw_curves(curves(results), note))
@@ -302,7 +302,8 @@ def _table(suite: Suite, results: Sequence[EpisodeResult]) -> str:
     return leaderboard_table(scores) if suite.leaderboard else table(scores)
 
 
-def _footnote(note: dict[str, Any]) -> str:
+def footnote(note: Mapping[str, Any]) -> str:
+    """Command, version, commit and date of a run in a line."""
     commit = note["git_commit"]
     where = f", commit {commit[:10]}{'+' if '+' in commit else ''}" if commit else ""
     version = note["versions"]["bev-driving-env"] or __version__
