@@ -20,8 +20,7 @@ from bev_driving_env.provenance import provenance
 from perception.evaluation_tables import short_name
 
 from .attribution import Attribution, attribute, substitutions
-from .errors import OtherRunError
-from .pool import in_processes
+from .pool import results_of
 from .rewind import Rescue, rewind
 from .run_command import agent_hashes, checked_specs, discard_run, run_identity, source_hashes
 from .runner import claim_folder, run_jobs
@@ -165,27 +164,11 @@ def _rescues(options: AttributeOptions, failed: Sequence[Job]) -> dict[Job, Resc
         else:
             left.append(job)
     with tqdm(total=len(failed), initial=len(found), unit="drive", desc="rewinding") as bar:
-        for job, rescue in _rewound(left, options, folder):
+        calls = [(job, options.channels, folder) for job in left]
+        for job, rescue in results_of(rewind_and_keep, calls, options.workers):
             found[job] = rescue
             bar.update()
     return {job: rescue for job in failed if (rescue := found[job]) is not None}
-
-
-def _rewound(
-    jobs: Sequence[Job], options: AttributeOptions, folder: Path
-) -> Iterator[tuple[Job, Rescue | None]]:
-    calls = [(job, options.channels, folder) for job in jobs]
-    if options.workers == 1 or len(calls) <= 1:
-        for call in calls:
-            yield rewind_and_keep(*call)
-        return
-    for number, found in in_processes(rewind_and_keep, calls, options.workers):
-        if found is None:
-            raise OtherRunError(
-                f"the process that rewound {jobs[number].key} died (see its output above, if there "
-                "is any); the others are kept"
-            )
-        yield found
 
 
 def rewind_and_keep(job: Job, channels: Sequence[str], folder: Path) -> tuple[Job, Rescue | None]:

@@ -18,7 +18,7 @@ from bev_driving_env.towns.registry import compiled_town
 
 from .drive import EpisodeResult
 
-# Okabe and Ito's palette: distinct for colour-blind readers too
+# Okabe and Ito's palette, distinct for colour-blind readers too, and three more
 PALETTE: tuple[Colour, ...] = (
     (0, 114, 178),
     (213, 94, 0),
@@ -28,10 +28,13 @@ PALETTE: tuple[Colour, ...] = (
     (86, 180, 233),
     (94, 60, 153),
     (240, 228, 66),
+    (130, 60, 30),
+    (150, 220, 200),
 )
 BLACK: Colour = (20, 24, 32)
 WHITE: Colour = (255, 255, 255)
 MARGIN_M = 14.0
+LINE_PX, WIDEST_PX = 3, 9
 MOST_LABELS = 12
 """With more routes than this, numbers would cover the map."""
 
@@ -39,10 +42,34 @@ MOST_LABELS = 12
 def draw_trajectories(
     town: str, results: Sequence[EpisodeResult], width_px: int = 1000
 ) -> NDArray[np.uint8]:
+    """Draw every driven trajectory of one town, above a legend; see :func:`trajectory_map`.
+
+    Args:
+        town: Name of the town.
+        results: Results; those of other towns are ignored.
+        width_px: Rough width of the image.
+
+    Returns:
+        RGB image (H, W, 3).
+    """
+    image = trajectory_map(town, results, width_px)
+    return np.vstack([image, _legend(image.shape[1], driver_colours(results))])
+
+
+def driver_colours(results: Sequence[EpisodeResult]) -> dict[tuple[str, str], Colour]:
+    """A colour for each BEV source and agent, in order of appearance."""
+    drivers = dict.fromkeys((row.job.bev, row.job.agent) for row in results)
+    return {driver: PALETTE[k % len(PALETTE)] for k, driver in enumerate(drivers)}
+
+
+def trajectory_map(
+    town: str, results: Sequence[EpisodeResult], width_px: int = 1000
+) -> NDArray[np.uint8]:
     """Draw every driven trajectory of one town.
 
     Black dots are starts, white dots are completed ends, arrows show place and heading of
-    infractions, whether they ended the episode or not; numbers name the episodes.
+    infractions, whether they ended the episode or not; numbers name the episodes. Drivers that
+    came less far are drawn later, with narrower lines, so that all can be seen.
 
     Args:
         town: Name of the town.
@@ -56,11 +83,11 @@ def draw_trajectories(
     x0, _, x1, _ = compiled.bounds
     town_map = TownMap(compiled, width_px / (x1 - x0 + 2.0 * MARGIN_M), MARGIN_M)
     rows = [result for result in results if result.job.town == town]
-    drivers = list(dict.fromkeys((row.job.bev, row.job.agent) for row in rows))
-    colours = {driver: PALETTE[k % len(PALETTE)] for k, driver in enumerate(drivers)}
-    for row in rows:
-        colour = colours[(row.job.bev, row.job.agent)]
-        town_map.line(np.array(row.trajectory), colour, 3)
+    colours = driver_colours(results)
+    for driver, width in _line_widths(rows).items():
+        for row in rows:
+            if (row.job.bev, row.job.agent) == driver:
+                town_map.line(np.array(row.trajectory), colours[driver], width)
     labelled = len({row.job.index for row in rows}) <= MOST_LABELS
     for row in rows:
         colour = colours[(row.job.bev, row.job.agent)]
@@ -74,7 +101,21 @@ def draw_trajectories(
         for index in sorted({row.job.index for row in rows}):
             row = next(row for row in rows if row.job.index == index)
             town_map.label(row.trajectory[0], str(index))
-    return np.vstack([town_map.image, _legend(town_map.image.shape[1], colours)])
+    return town_map.image
+
+
+def _line_widths(rows: Sequence[EpisodeResult]) -> dict[tuple[str, str], int]:
+    """Widths of the drivers' lines in pixels, in the order of drawing."""
+    metres: dict[tuple[str, str], float] = {}
+    for row in rows:
+        driver = row.job.bev, row.job.agent
+        metres[driver] = metres.get(driver, 0.0) + row.driven_m
+    order = sorted(metres, key=lambda driver: -metres[driver])
+    above = range(len(order) - 1, -1, -1)
+    return {
+        driver: min(LINE_PX + 2 * count, WIDEST_PX)
+        for driver, count in zip(order, above, strict=True)
+    }
 
 
 def _legend(width: int, colours: dict[tuple[str, str], Colour]) -> NDArray[np.uint8]:

@@ -11,6 +11,8 @@ from typing import Any, Protocol, TypeVar
 
 from bev_driving_env.workers import become_worker
 
+from .errors import OtherRunError
+
 Result = TypeVar("Result")
 
 
@@ -73,6 +75,33 @@ def in_processes(
         pools.kill()
         raise
     pools.close()
+
+
+def results_of(
+    function: Callable[..., Result], calls: Iterable[tuple[Any, ...]], workers: int
+) -> Iterator[Result]:
+    """Results of calls as they are ready; one worker, or a single call, needs no other process.
+
+    Args:
+        function: As for :class:`Execute`.
+        calls: Arguments of each call.
+        workers: Calls at a time.
+
+    Raises:
+        OtherRunError: The process of a call died; results that it had written are kept.
+        Exception: What a call raised.
+    """
+    given = list(calls)
+    if workers == 1 or len(given) <= 1:
+        yield from (function(*arguments) for arguments in given)
+        return
+    for number, result in in_processes(function, given, workers):
+        if result is None:
+            raise OtherRunError(
+                f"the process died that called {function.__name__}{given[number]} (see its output "
+                "above, if there is any); what was finished is kept, the same command resumes"
+            )
+        yield result
 
 
 class _Pools:

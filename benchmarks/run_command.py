@@ -268,7 +268,8 @@ def run_identity(options: Mapping[str, Any], hashes: Mapping[str, str]) -> dict[
 def discard_run(out: Path) -> None:
     """Remove a run's own files from an output folder, and nothing else."""
     if (out / "run.json").exists():
-        for name in ("episodes", "videos", "moments", "rescues", "open_loop", "drive_logs"):
+        kept = ("episodes", "videos", "moments", "rescues", "cards", "open_loop", "drive_logs")
+        for name in kept:
             shutil.rmtree(out / name, ignore_errors=True)
         (out / "run.json").unlink()
 

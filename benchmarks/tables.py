@@ -105,15 +105,20 @@ def seen_table(results: Sequence[EpisodeResult]) -> str:
     return markdown(header, rows, text_columns=len(names))
 
 
-def leaderboard_table(scores: Sequence[Score]) -> str:
-    """The CARLA Leaderboard's table as Markdown, a row a source, agent and town.
+LEADERBOARD_HEADER = (
+    *("BEV source", "Agent", "Town", "DS 2.1", "DS 1.0", "Route %", "Penalty"),
+    *LEADERBOARD_KINDS,
+    "Timeout",
+)
+
+
+def leaderboard_rows(scores: Sequence[Score]) -> list[list[str]]:
+    """The CARLA Leaderboard's table, a row a source, agent and town.
 
     Driving scores (0 to 100), route completion (%) and infraction penalty (version 2.1, 0 to 1)
     are means over episodes, so the first is not the product of the others. The rest are counts
     over all episodes, of what was the ego's fault.
     """
-    header = ["BEV source", "Agent", "Town", "DS 2.1", "DS 1.0", "Route %", "Penalty"]
-    header += [*LEADERBOARD_KINDS, "Timeout"]
     rows = []
     for entry in scores:
         row = [entry.bev, entry.agent, entry.town]
@@ -121,4 +126,9 @@ def leaderboard_table(scores: Sequence[Score]) -> str:
         row += [f"{entry.route_completion_pct:.1f}", f"{entry.penalty_2_1:.3f}"]
         row += [str(entry.infractions[name]) for name in LEADERBOARD_KINDS.values()]
         rows.append([*row, str(entry.timeouts)])
-    return markdown(header, rows, text_columns=3)
+    return rows
+
+
+def leaderboard_table(scores: Sequence[Score]) -> str:
+    """The CARLA Leaderboard's table as Markdown."""
+    return markdown(LEADERBOARD_HEADER, leaderboard_rows(scores), text_columns=3)

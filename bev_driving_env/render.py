@@ -29,6 +29,7 @@ from .towns.raster import MARGIN_M
 
 if TYPE_CHECKING:
     from .sensors import Sensors
+    from .world.config import WorldConfig
     from .world.core import World
 
 Image = NDArray[np.uint8]
@@ -177,8 +178,8 @@ def draw_panel(sensors: Sensors, n: int, policy_bev: Image) -> Image:
     world.render(truth, selected)
     top = [
         _labelled(_map_panel(world, n, side), world.town.name),
-        _labelled(_bev_panel(world, policy_bev, side), "BEV, what the policy sees"),
-        _labelled(_bev_panel(world, truth[n], side), "BEV, truth"),
+        _labelled(bev_panel(world.config, policy_bev, side), "BEV, what the policy sees"),
+        _labelled(bev_panel(world.config, truth[n], side), "BEV, truth"),
     ]
     size = side * 7 // 15, side
     tiles = [fit_tile(image, size, name) for name, image in _views(sensors, n)]
@@ -216,16 +217,15 @@ def fit_tile(image: Image, size: tuple[int, int], name: str) -> Image:
     return _labelled(tile, name)
 
 
-def _bev_panel(world: World, bev: Image, side: int) -> Image:
-    """A BEV in colour with the ego's footprint, as a square."""
-    view: Image = np.asarray(
-        cv2.resize(bev_image(bev), (side, side), interpolation=cv2.INTER_NEAREST), np.uint8
+def bev_panel(config: WorldConfig, bev: Image, side: int) -> Image:
+    """A BEV (6, H, W) in colour with the ego's footprint, as a square of a number of pixels."""
+    shrinks = side < config.bev.size
+    how = cv2.INTER_AREA if shrinks else cv2.INTER_NEAREST
+    view: Image = np.asarray(cv2.resize(bev_image(bev), (side, side), interpolation=how), np.uint8)
+    ego_px = config.bev.pixel_from_ego(
+        footprint((0.0, 0.0, 0.0), config.vehicle.length_m, config.vehicle.width_m) * [1.0, -1.0]
     )
-    ego_px = world.config.bev.pixel_from_ego(
-        footprint((0.0, 0.0, 0.0), world.config.vehicle.length_m, world.config.vehicle.width_m)
-        * [1.0, -1.0]
-    )
-    corners = ((ego_px + 0.5) * side / world.config.bev.size * 16.0).round().astype(np.int32)
+    corners = ((ego_px + 0.5) * side / config.bev.size * 16.0).round().astype(np.int32)
     cv2.fillPoly(view, [corners], EGO, cv2.LINE_AA, 4)
     return view
 

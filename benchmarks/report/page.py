@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import base64
 import html
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 HERE = Path(__file__).parent
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+"""Browsers refuse to fetch anything for the page, whatever it holds."""
 
 
 class Markup(str):
@@ -56,40 +59,13 @@ def text_of(content: Content) -> str:
     return "".join(text_of(part) for part in content)
 
 
-def table(
-    header: Sequence[str],
-    rows: Iterable[Sequence[Content]],
-    caption: Content,
-    text_columns: int = 1,
-) -> Markup:
-    """A table in a frame that scrolls sideways by itself where a screen is narrow.
+def breakable(name: str) -> Markup:
+    """A name that may be broken after its marks where a line is too short.
 
-    Args:
-        header: Cells of the header.
-        rows: Cells of each row; the first is its heading.
-        caption: Above it.
-        text_columns: How many columns, from the first, hold text; the others hold figures.
+    >>> breakable("cvt_kde")
+    'cvt_<wbr>kde'
     """
-
-    def cell(tag: str, k: int, content: Content, **more: str) -> Markup:
-        return element(tag, content, class_="text" if k < text_columns else "figure", **more)
-
-    head = element("tr", [cell("th", k, name, scope="col") for k, name in enumerate(header)])
-    body = [
-        element(
-            "tr",
-            [
-                cell("th", 0, row[0], scope="row"),
-                *(cell("td", k, content) for k, content in enumerate(row) if k),
-            ],
-        )
-        for row in rows
-    ]
-    made = element(
-        "table", element("caption", caption), element("thead", head), element("tbody", body)
-    )
-    # a region that scrolls must be reachable by keyboard
-    return element("div", made, class_="scroll", tabindex="0", role="region", aria_label="table")
+    return Markup(re.sub(r"([_~=@|,/])", r"\1<wbr>", text_of(name)))
 
 
 def image(content: bytes, kind: str, description: str, **attributes: str | int | None) -> Markup:
@@ -102,7 +78,7 @@ def image(content: bytes, kind: str, description: str, **attributes: str | int |
         attributes: As for :func:`element`.
     """
     source = f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
-    return void("img", src=source, alt=description, loading="lazy", **attributes)
+    return void("img", src=source, alt=description, decoding="async", **attributes)
 
 
 def figure(picture: Content, caption: Content) -> Markup:
@@ -128,6 +104,8 @@ def page(title: str, summary: Content, sections: Sequence[tuple[str, str, Conten
         "head",
         void("meta", charset="utf-8"),
         void("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        void("meta", http_equiv="Content-Security-Policy", content=POLICY),
+        void("link", rel="icon", href="data:,"),
         element("title", title),
         element("style", Markup((HERE / "style.css").read_text(encoding="utf-8"))),
     )
@@ -140,6 +118,8 @@ def page(title: str, summary: Content, sections: Sequence[tuple[str, str, Conten
             "main",
             [section(heading, content, name=name) for name, heading, content in sections],
             id="main",
+            tabindex=-1,  # so that the skip link takes the focus along
         ),
+        element("script", Markup((HERE / "film.js").read_text(encoding="utf-8"))),
     )
     return f"<!doctype html>\n{element('html', head, body, lang='en')}\n"

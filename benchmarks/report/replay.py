@@ -1,91 +1,104 @@
-"""The last seconds before an infraction, driven again: a drive is a function of its job."""
+"""The last seconds before each infraction, driven again: a drive is a function of its job."""
 
 from __future__ import annotations
 
 import io
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from bev_driving_env.render import bev_image
+from bev_driving_env.env import BEVTownEnv
+from bev_driving_env.render import bev_panel, write
 
-from ..drive import EpisodeResult, drive_moments, make_env
+from ..drive import drive_moments, make_env
+from ..suites import Job
 
 SECONDS = 5.0
 EVERY_STEPS = 2
-"""Steps between the pictures of the animation."""
-GAP_PX = 4
+"""Steps between the pictures of a film."""
+SIDE_PX = 112
+"""Of a BEV in a film; on a phone half the screen's width is about 165 px."""
+FILM_QUALITY = 30
+CAMERA_QUALITY = 45
+TIME_LIMIT = "time_limit"
+"""What a drive ended by that ran out of time."""
 
-Pictures = list[NDArray[np.uint8]]
+Images = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, eq=False)
 class LastSeconds:
-    """What led to the first infraction of a drive.
+    """What led to an infraction.
 
     Attributes:
-        cameras: (N, H, W, 3) the images at the infraction.
-        bevs: (T, 6, S, S) what the policy saw.
-        truths: (T, 6, S, S) the truth at the same moments.
-        step_s: Seconds between them.
+        time_s: Simulated time of the infraction.
+        names: Infractions that began at that moment; ``TIME_LIMIT`` if there was none.
+        cameras: (C, H, W, 3) the images at that moment.
+        camera_names: (C) of them.
+        frames: (T, S, 2 S, 3) what the policy saw beside the truth; the last is that moment.
     """
 
-    cameras: NDArray[np.uint8]
-    bevs: NDArray[np.uint8]
-    truths: NDArray[np.uint8]
-    step_s: float
+    time_s: float
+    names: tuple[str, ...]
+    cameras: Images
+    camera_names: tuple[str, ...]
+    frames: Images
 
 
-def last_seconds(result: EpisodeResult) -> LastSeconds:
-    """Drive an episode again up to its first infraction, or to its end if there is none."""
-    env = make_env(result.job)
+def last_seconds(job: Job) -> Iterator[LastSeconds]:
+    """Drive an episode again and stop at each moment with infractions, or at the time limit."""
+    env = make_env(job)
     step_s = env.world.config.step_s
-    moments: deque[tuple[NDArray[np.uint8], NDArray[np.uint8]]] = deque(
-        maxlen=round(SECONDS / step_s) + 1
-    )
-    for moment in drive_moments(env, result.job):
+    moments: deque[tuple[Images, Images]] = deque(maxlen=round(SECONDS / step_s) + 1)
+    noted = 0
+    for moment in drive_moments(env, job):
         moments.append((moment.observation["bev"], env.ground_truth_bev()))
-        if env.world.events[0]:
-            break
+        new = env.world.events[0][noted:]
+        if new:
+            noted += len(new)
+            yield _last_seconds(env, moments, tuple(event.name for event in new))
+    if env.world.truncated()[0]:
+        yield _last_seconds(env, moments, (TIME_LIMIT,))
+
+
+def _last_seconds(
+    env: BEVTownEnv, moments: deque[tuple[Images, Images]], names: tuple[str, ...]
+) -> LastSeconds:
     kept = list(moments)[::-1][::EVERY_STEPS][::-1]  # the last one is among them
-    bevs, truths = (np.stack(part) for part in zip(*kept, strict=True))
-    return LastSeconds(env.sensor_frame().images, bevs, truths, EVERY_STEPS * step_s)
+    config = env.world.config
+    frames = [np.hstack([bev_panel(config, bev, SIDE_PX) for bev in pair]) for pair in kept]
+    return LastSeconds(
+        float(env.world.state.steps[0]) * config.step_s,
+        names,
+        env.sensor_frame().images,
+        tuple(camera.name for camera in env.sensors.settings.rig.cameras),
+        np.stack(frames),
+    )
 
 
-def animation(seconds: LastSeconds) -> bytes:
-    """An endless WebP animation: what the policy saw beside the truth."""
-    frames = [
-        Image.fromarray(side_by_side(bev_image(bev), bev_image(truth)))
-        for bev, truth in zip(seconds.bevs, seconds.truths, strict=True)
-    ]
+def film(frames: Images) -> bytes:
+    """Frames (T, H, W, 3) below one another as one WebP image, of which a page shows one."""
     buffer = io.BytesIO()
-    pauses = [round(1000 * seconds.step_s)] * (len(frames) - 1) + [1500]
-    frames[0].save(
-        buffer,
-        "WEBP",
-        save_all=True,
-        append_images=frames[1:],
-        duration=pauses,
-        loop=0,
-        lossless=True,
-        quality=60,
-        method=4,
+    Image.fromarray(frames.reshape(-1, *frames.shape[2:])).save(
+        buffer, "WEBP", quality=FILM_QUALITY, method=6
     )
     return buffer.getvalue()
 
 
-def strip(cameras: NDArray[np.uint8], quality: int = 60) -> bytes:
-    """The four cameras as one JPEG: left, front, right, rear."""
-    order = (1, 0, 2, 3) if len(cameras) == 4 else tuple(range(len(cameras)))
+def tiles(cameras: Images, names: tuple[str, ...]) -> bytes:
+    """Cameras (C, H, W, 3) with their names as one image, two beside each other."""
+    named = []
+    for image, name in zip(cameras, names, strict=True):
+        tile = np.ascontiguousarray(image)
+        write(tile, name, (4, tile.shape[0] - 6), 0.4)
+        named.append(tile)
+    if len(named) % 2:
+        named.append(np.zeros_like(named[0]))
+    rows = [np.hstack(named[k : k + 2]) for k in range(0, len(named), 2)]
     buffer = io.BytesIO()
-    Image.fromarray(np.hstack([cameras[k] for k in order])).save(buffer, "JPEG", quality=quality)
+    Image.fromarray(np.vstack(rows)).save(buffer, "WEBP", quality=CAMERA_QUALITY, method=6)
     return buffer.getvalue()
-
-
-def side_by_side(left: NDArray[np.uint8], right: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Two images of one height with a gap between them."""
-    gap = np.full((left.shape[0], GAP_PX, 3), 128, np.uint8)
-    return np.hstack([left, gap, right])

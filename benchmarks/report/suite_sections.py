@@ -7,14 +7,15 @@ from collections.abc import Sequence
 from ..dose_response import Curve, curves
 from ..drive import EpisodeResult
 from ..results import score
-from . import charts, page
-from .page import Content, Markup
+from . import charts
+from .document import Figure
+from .table import Cell, Column, Table
 
 FEWEST_DOSES = 3
 """Of a curve, the source as it is among them."""
 
 
-def dose_figures(results: Sequence[EpisodeResult]) -> list[Markup]:
+def dose_figures(results: Sequence[EpisodeResult]) -> list[Figure]:
     """A figure a source and agent: route driven, and clean episodes, against the dose."""
     drivers: dict[tuple[str, str], list[Curve]] = {}
     for curve in curves(results):
@@ -28,13 +29,13 @@ def dose_figures(results: Sequence[EpisodeResult]) -> list[Markup]:
         }
         where = f"{agent} on {source} behind one error model at a time, all towns together."
         made += [
-            page.figure(charts.line_chart(share, "dose", "route driven, %"), where),
-            page.figure(charts.line_chart(clean, "dose", "clean episodes, %"), where),
+            Figure(charts.line_chart(share, "dose", "route driven, %"), where),
+            Figure(charts.line_chart(clean, "dose", "clean episodes, %"), where),
         ]
     return made
 
 
-def look_table(results: Sequence[EpisodeResult]) -> Markup | None:
+def look_table(results: Sequence[EpisodeResult]) -> Table | None:
     """Route metres and clean episodes by look; None if no town was driven under several."""
     scores = score(results, by_look=True)
     looks = {(entry.town, entry.appearance) for entry in scores}
@@ -42,15 +43,21 @@ def look_table(results: Sequence[EpisodeResult]) -> Markup | None:
     if len(looks) == len(towns):
         return None
     by_key = {(e.bev, e.agent, e.appearance, e.town): e for e in scores}
-    rows: list[list[Content]] = []
+    rows = []
     for drive in dict.fromkeys(key[:3] for key in by_key):
-        row: list[Content] = list(drive)
+        row = [Cell(name) for name in drive]
         for town in towns:
             e = by_key.get((*drive, town))
-            row += [f"{e.route_m:.0f}", f"{e.clean}/{e.episodes}"] if e else ["", ""]
-        rows.append(row)
-    header = ["BEV source", "agent", "look"]
+            row.append(Cell(e.route_m if e else None, "{:.0f}"))
+            row.append(Cell(f"{e.clean}/{e.episodes}" if e else None))
+        rows.append(tuple(row))
+    columns = [Column("BEV source"), Column("agent"), Column("look")]
     for town in towns:
-        header += [f"{town} route (m)", "clean"]
-    caption = "The same routes under other looks: sets, and single kinds of weather of a set."
-    return page.table(header, rows, caption, text_columns=3)
+        columns += [Column("route (m)", town), Column("clean", town)]
+    return Table(
+        "looks",
+        "The same routes under other looks: sets, and single kinds of weather of a set.",
+        tuple(columns),
+        tuple(rows),
+        text_columns=3,
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import io
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ from perception.places import Places
 
 from ..errors import OtherRunError
 from ..online import OCCUPIED, Explaining
-from ..pool import in_processes
+from ..pool import results_of
 from .frames import Frames, Sight
 from .variants import STATIC, Variant, remembered_frames
 
@@ -111,7 +111,7 @@ def measure_all(
     ]
     kept = len(variants) - len(calls)
     with tqdm(total=len(variants), initial=kept, unit="variant", desc="measuring") as bar:
-        for _ in _each(calls, workers):
+        for _ in results_of(measure_and_keep, calls, workers):
             bar.update()
     return [OpenLoop.load(path) for path in paths]
 
@@ -120,14 +120,6 @@ def file_stem(variant: Variant) -> str:
     """A file name that no other variant has."""
     name = "".join(c if c.isalnum() else "-" for c in variant.spec)
     return f"{name[:100]}__{hashlib.sha256(variant.spec.encode()).hexdigest()[:8]}"
-
-
-def _each(calls: Sequence[tuple[Any, ...]], workers: int) -> Iterator[Path]:
-    if workers > 1 and len(calls) > 1:
-        yield from in_processes(measure_and_keep, calls, workers)
-        return
-    for call in calls:
-        yield measure_and_keep(*call)
 
 
 def measure_and_keep(spec: str, agent: str, frames: Frames, path: Path) -> Path:

@@ -249,7 +249,7 @@ def test_a_predictor_that_crashes_fails_its_episodes_and_no_other(workers, tmp_p
 
 def test_a_result_that_was_written_elsewhere_is_not_counted(tmp_path):
     def on_another_machine(function, calls, workers, *, apart=False):
-        for number, (job, folder, wanted) in enumerate(calls):
+        for number, (job, _folder, wanted) in enumerate(calls):
             yield number, function(job, tmp_path / "elsewhere", wanted)
 
     with pytest.raises(OtherRunError, match="all machines of the cluster share"):
