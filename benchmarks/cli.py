@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 
@@ -44,9 +43,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         Exit status: 0 done, 1 an agent failed, 2 a mistake in the arguments, 130 interrupted.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    # so that "module:factory" finds a module in the current folder, as "python -m" would
-    if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())
     return run_verb(build_parser(), arguments)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -37,6 +38,9 @@ def run_verb(
     Returns:
         Exit status: the command's, 2 for a mistake, 130 if interrupted.
     """
+    # so that "module:factory" finds a module in the current folder, as "python -m" would
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
     # a polite kill takes the same way out as Ctrl-C
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     options = parser.parse_args(arguments)
