@@ -4,7 +4,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 OUT    ?= runs/demo
 
-.PHONY: help demo test lint types unit slow oldest speed splits pictures clean
+.PHONY: help demo test lint types unit slow oldest speed splits pictures docs clean
 
 help:  ## List the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -25,7 +25,7 @@ types: $(VENV)/.tools
 unit: $(VENV)/.tools
 	$(BIN)/python -m pytest -q -n 2 -m "not slow"
 
-slow: $(VENV)/.tools  ## The tests that take long: several processes, whole suites
+slow: $(VENV)/.tools $(VENV)/.docs  ## The tests that take long: several processes, whole suites
 	$(BIN)/python -m pytest -q -n 2 -m slow
 
 oldest: $(VENV)-oldest/.installed  ## The environment's tests with the oldest supported Gymnasium
@@ -43,6 +43,9 @@ pictures: $(VENV)/.installed  ## Draw the pictures of README and docs again
 	$(BIN)/python docs/draw_pictures.py
 	$(BIN)/python docs/draw_predictors.py
 
+docs: $(VENV)/.docs  ## Build README, guides and API reference as a site into site/
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
 # --editable, so that the sources in this folder are what runs
 $(VENV)/.installed: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; v = sys.version_info; (3, 10) <= v < (3, 14) or sys.exit(f"BEVTown needs Python 3.10 to 3.13, this is {v[0]}.{v[1]}: make PYTHON=python3.12")'
@@ -54,6 +57,10 @@ $(VENV)/.tools: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
 	@touch $@
 
+$(VENV)/.docs: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	@touch $@
+
 # the old Gymnasium alone, in a folder that comes before the virtual environment's
 $(VENV)-oldest/.installed: pyproject.toml constraints.txt $(VENV)/.tools
 	rm -rf $(VENV)-oldest
@@ -62,5 +69,5 @@ $(VENV)-oldest/.installed: pyproject.toml constraints.txt $(VENV)/.tools
 	@touch $@
 
 clean:  ## Remove virtual environments, caches and results
-	rm -rf $(VENV) $(VENV)-oldest runs build *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf $(VENV) $(VENV)-oldest runs build site *.egg-info .pytest_cache .mypy_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

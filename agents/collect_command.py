@@ -18,7 +18,7 @@ from bev_driving_env.logs.drive_log import log_bytes
 from bev_driving_env.logs.header import LogHeader
 from bev_driving_env.provenance import provenance
 from bev_driving_env.settings import EnvSettings
-from bev_driving_env.towns.registry import town_names
+from bev_driving_env.towns.registry import town_name
 from bev_driving_env.world.traffic import PRESETS
 
 from .collect import claim_folder, collect, discard, jobs_of, log_header, perturbation_levels
@@ -55,8 +55,7 @@ class CollectOptions:
     overwrite: bool
 
     def __post_init__(self) -> None:
-        if self.town not in town_names():
-            raise ValueError(f"unknown town {self.town!r}; available: {', '.join(town_names())}")
+        town_name(self.town)
         if not self.levels:
             raise ValueError("--collections must be at least 1")
         for level in self.levels:

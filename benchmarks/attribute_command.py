@@ -22,7 +22,14 @@ from perception.evaluation_tables import short_name
 from .attribution import Attribution, attribute, substitutions
 from .pool import results_of
 from .rewind import Rescue, rewind
-from .run_command import agent_hashes, checked_specs, discard_run, run_identity, source_hashes
+from .run_command import (
+    agent_hashes,
+    checked_specs,
+    discard_run,
+    run_identity,
+    source_hashes,
+    town_hashes,
+)
 from .runner import claim_folder, run_jobs
 from .suites import SUITES, Job, jobs_of
 
@@ -104,7 +111,11 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
         raise UsageError(str(error)) from error
     if options.overwrite:
         discard_run(options.out)
-    hashes = {**agent_hashes(options.agent), **source_hashes(options.bev)}
+    hashes = {
+        **agent_hashes(options.agent),
+        **source_hashes(options.bev),
+        **town_hashes(options.town),
+    }
     note = provenance(argv, options.seed, hashes)
     values = asdict(options)
     chosen = {key: values[key] for key in ("suite", "bev", "agent", "town", "seed", "channels")}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 
@@ -47,9 +46,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         Ctrl-C, 143 after SIGTERM.
     """
     arguments = list(sys.argv[1:] if argv is None else argv)
-    # so that "module:factory" finds a module in the current folder, as "python -m" would
-    if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())
     return run_verb(build_parser(), arguments)
 
 

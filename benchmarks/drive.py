@@ -16,6 +16,7 @@ import numpy as np
 from agents import Agent, make_agent
 from bev_driving_env.env import BEVTownEnv, Observation
 from bev_driving_env.info import episode_summary
+from bev_driving_env.towns.registry import town_name
 
 from .driving_score import count_infractions, driving_score, infraction_penalty
 from .online import OnlineRecorder, summary
@@ -246,7 +247,7 @@ def make_env(job: Job, bev: str | None = None) -> BEVTownEnv:
 @functools.lru_cache(maxsize=10)
 def _env(town: str, bev: str, appearance: str, conditions: Conditions) -> BEVTownEnv:
     env = gym.make(
-        f"bev_driving_env:BEV{town}-v0",
+        f"bev_driving_env:BEV{town_name(town)}-v0",
         bev_source=bev,
         appearance=appearance,
         **conditions.keywords,

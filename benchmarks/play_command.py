@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bev_driving_env.command_line import UsageError
 from bev_driving_env.env import BEVTownEnv
-from bev_driving_env.towns.registry import town_names
+from bev_driving_env.towns.registry import town_name
 from bev_driving_env.world.traffic import PRESETS
 
 from .suites import LOOKS
@@ -103,9 +103,10 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
     Raises:
         UsageError: The arguments are not valid, or there is no display.
     """
-    if namespace.town not in town_names():
-        known = ", ".join(town_names())
-        raise UsageError(f"unknown town {namespace.town!r}; available: {known}")
+    try:
+        name = town_name(namespace.town)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
     look = namespace.appearance or LOOKS.get(namespace.town, "train")
     options = PlayOptions(
         namespace.town,
@@ -117,7 +118,7 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
     )
     try:
         env = gym.make(
-            f"bev_driving_env:BEV{options.town}-v0",
+            f"bev_driving_env:BEV{name}-v0",
             bev_source=options.bev,
             appearance=options.appearance,
             traffic=options.traffic,

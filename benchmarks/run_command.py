@@ -22,7 +22,7 @@ from bev_driving_env.provenance import file_hash, git_commit, provenance
 from bev_driving_env.sources.corrupted import CORRUPTIONS
 from bev_driving_env.sources.expressions import sources_of, with_errors
 from bev_driving_env.sources.registry import bev_source_names, source_file
-from bev_driving_env.towns.registry import town_names
+from bev_driving_env.towns.registry import town_files, town_name
 from bev_driving_env.world.traffic import PRESETS
 
 from .dose_response import curves, dose_table, draw_curves
@@ -75,9 +75,7 @@ class RunOptions:
     def __post_init__(self) -> None:
         SUITES[self.suite].with_traffic(self.traffic)
         for value in self.town:
-            if value not in town_names():
-                known = ", ".join(town_names())
-                raise ValueError(f"unknown town {value!r}; available: {known}")
+            town_name(value)
         if self.workers < 1:
             raise ValueError(f"--workers must be at least 1, got {self.workers}")
         if min(self.seed) < 0:
@@ -130,7 +128,11 @@ def add_parser(verbs: Any) -> None:
         "--agent", nargs="+", default=["expert"], metavar="AGENT", help=f"{FORMS}; default: expert"
     )
     parser.add_argument(
-        "--town", nargs="+", default=["Town01", "Town02"], metavar="TOWN", help="default: both"
+        "--town",
+        nargs="+",
+        default=["Town01", "Town02"],
+        metavar="TOWN",
+        help="towns, or 'module:name' of those that a module registers; default: both",
     )
     parser.add_argument(
         "--traffic",
@@ -198,7 +200,11 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
         checked_specs(options.bev, options.agent, options.town[0], suite)
     except ValueError as error:
         raise UsageError(str(error)) from error
-    hashes = {**agent_hashes(options.agent), **source_hashes(options.bev)}
+    hashes = {
+        **agent_hashes(options.agent),
+        **source_hashes(options.bev),
+        **town_hashes(options.town),
+    }
     note = provenance(argv, options.seed, hashes)
     with _executor(options) as execute:
         if options.overwrite:
@@ -236,6 +242,12 @@ def source_hashes(specs: Sequence[str]) -> dict[str, str]:
     """Hash of the file that each BEV source which is not built in comes from."""
     files = {name: source_file(name) for spec in specs for name in sources_of(spec)}
     return {spec: file_hash(path) for spec, path in files.items() if path is not None}
+
+
+def town_hashes(specs: Sequence[str]) -> dict[str, str]:
+    """Hash of the module and the routes of each town that is not built in."""
+    files = [(spec, path) for spec in specs for path in town_files(spec)]
+    return {f"{spec} ({path.name})": file_hash(path) for spec, path in files}
 
 
 def checked_specs(bevs: Sequence[str], agents: Sequence[str], town: str, suite: Suite) -> None:
@@ -290,7 +302,7 @@ def _write(options: RunOptions, results: Sequence[EpisodeResult], note: dict[str
         # trajectories of sixty drivers hide each other: of those as they are
         shown = [result for result in results if result.job.bev in options.bev]
         image = draw_trajectories(town, shown)
-        write_bytes(options.out / f"map_{town}.png", png_bytes(image, note))
+        write_bytes(options.out / f"map_{town_name(town)}.png", png_bytes(image, note))
 
 
 def _table(suite: Suite, results: Sequence[EpisodeResult]) -> str:

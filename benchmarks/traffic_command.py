@@ -15,7 +15,7 @@ from bev_driving_env.command_line import UsageError
 from bev_driving_env.files import write_json
 from bev_driving_env.markdown import markdown
 from bev_driving_env.provenance import provenance
-from bev_driving_env.towns.registry import town_names
+from bev_driving_env.towns.registry import town_name
 from bev_driving_env.world.traffic import PRESETS
 
 from .traffic_flow import TrafficFlow, measure_flow
@@ -43,8 +43,10 @@ class TrafficOptions:
 
     def __post_init__(self) -> None:
         for value in self.town:
-            if value not in town_names():
-                raise UsageError(f"unknown town {value!r}; available: {', '.join(town_names())}")
+            try:
+                town_name(value)
+            except ValueError as error:
+                raise UsageError(str(error)) from error
         if not 0.01 <= self.minutes <= 600.0:
             raise UsageError(f"--minutes must be from 0.01 to 600, got {self.minutes}")
         if min(self.seed) < 0:

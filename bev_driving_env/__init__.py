@@ -10,7 +10,8 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 from ._version import __version__
-from .towns.registry import register_builtin_towns, register_town, road_network
+from .towns.grid import GridTown
+from .towns.registry import draw_routes, register_builtin_towns, register_town, road_network
 
 if TYPE_CHECKING:
     from .env import BEVTownEnv
@@ -31,8 +32,10 @@ __all__ = [
     "BEVTownVectorEnv",
     "CorruptedBEV",
     "DriveLog",
+    "GridTown",
     "SensorFrame",
     "__version__",
+    "draw_routes",
     "make_bev_source",
     "register_bev_source",
     "register_town",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -47,6 +48,9 @@ def run_verb(
     Returns:
         Exit status: the command's, 2 for a mistake, 130 after Ctrl-C, 143 after SIGTERM.
     """
+    # so that "module:factory" finds a module in the current folder, as "python -m" would
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
     signal.signal(signal.SIGTERM, raise_terminated)
     options = parser.parse_args(arguments)
     told: tuple[type[Exception], ...] = (UsageError, OSError, *mistakes)

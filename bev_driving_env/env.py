@@ -142,7 +142,7 @@ class BEVTownEnv(gym.Env[Any, Any]):
 
     | Keyword          | Default          | Meaning                                               |
     |------------------|------------------|-------------------------------------------------------|
-    | `town`           | from the id      | name of a registered town                             |
+    | `town`           | from the id      | name of a registered town, or `module:name`           |
     | `render_mode`    | `None`           | `"rgb_array"` or `"human"`: map, BEVs, cameras        |
     | `bev_source`     | `"ground_truth"` | what the policy sees; see below                       |
     | `traffic`        | `"none"`         | `"light"`, `"dense"`, or a dict of numbers; see below |

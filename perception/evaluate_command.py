@@ -117,9 +117,6 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
     values = {item.name: getattr(namespace, item.name) for item in fields(EvaluateOptions)}
     for name in ("bev", "data"):
         values[name] = tuple(dict.fromkeys(values[name]))
-    # so that "module:factory" finds a module in the current folder, as "python -m" would
-    if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())
     try:
         _run(EvaluateOptions(**values), argv)
     except LogError:

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.cli import build_parser
+
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 DOCS = "\n".join(page.read_text(encoding="utf-8") for page in sorted(ROOT.glob("docs/*.md")))
@@ -23,6 +25,8 @@ MAKEFILE = (ROOT / "Makefile").read_text(encoding="utf-8")
 # of the README's lines, those that make demo runs
 DEMO = [c for c in COMMANDS if c.endswith(" --out runs/demo")]
 PICTURES = sorted({f"docs/{name}" for name in re.findall(r"(pictures/[^)]*)\)", PAGES)})
+MODULES = {match[1]: block for block in BLOCKS if (match := re.match(r"# (\w+\.py)\n", block))}
+"""Blocks that say which file they are, by its name."""
 TARGETS = re.findall(r"`?make ([a-z]+)", README)
 
 
@@ -32,9 +36,22 @@ def run(arguments: list[str], folder: Path) -> str:
     return done.stdout
 
 
-@pytest.mark.parametrize("number", range(len(BLOCKS)))
+SLOW_BLOCKS = ("draw_routes(",)
+
+
+def numbered_block(number: int) -> object:
+    long = any(part in BLOCKS[number] for part in SLOW_BLOCKS)
+    return pytest.param(number, marks=[pytest.mark.slow] if long else [])
+
+
+@pytest.mark.parametrize("number", [numbered_block(k) for k in range(len(BLOCKS))])
 def test_python_block_runs_as_written(number, tmp_path):
     run([sys.executable, "-c", BLOCKS[number]], tmp_path)
+
+
+def write_modules(folder: Path) -> None:
+    for name, block in MODULES.items():
+        (folder / name).write_text(block, encoding="utf-8")
 
 
 LONG = (
@@ -44,6 +61,8 @@ LONG = (
     "examples.my_predictor",
     "--agent runs/bc",
     "--agent bc ",
+    "--agent my_agent:make bc",
+    "grove:Grove",
 )
 """What takes long in a line, and is tested elsewhere on less."""
 
@@ -55,8 +74,9 @@ def line_of_bash(command: str) -> object:
 
 @pytest.mark.parametrize("command", [line_of_bash(c) for c in COMMANDS if c not in DEMO])
 def test_benchmark_line_runs_as_written(command, tmp_path):
-    driver = next(block for block in BLOCKS if block.startswith("# my_driver.py"))
-    (tmp_path / "my_driver.py").write_text(driver, encoding="utf-8")
+    write_modules(tmp_path)
+    if "grove:" in command:
+        assert "'test': 50" in run([sys.executable, "grove.py"], tmp_path)
     weights = tmp_path / "runs/bc/policy.safetensors"
     weights.parent.mkdir(parents=True)
     shutil.copyfile(ROOT / "agents/weights/bc.safetensors", weights)
@@ -66,8 +86,36 @@ def test_benchmark_line_runs_as_written(command, tmp_path):
     town = arguments[arguments.index("--town") + 1] if "--town" in arguments else "Town01"
     assert f"{town} route (m)" in printed or f"| {town} |" in printed
     out = tmp_path / arguments[arguments.index("--out") + 1]
-    assert (out / f"map_{town}.png").exists()
+    assert (out / f"map_{town.rpartition(':')[2]}.png").exists()
     assert any(out.glob("videos/*.mp4")) == ("--video" in arguments)
+
+
+@pytest.mark.parametrize("command", re.findall(r"^(bev-bench .*)$", BASH, flags=re.MULTILINE))
+def test_benchmark_line_is_understood(command):
+    build_parser().parse_args(shlex.split(command, comments=True)[1:])
+
+
+def test_the_agent_of_the_guide_drives_town01_cleanly_as_the_guide_says(tmp_path):
+    write_modules(tmp_path)
+    drive = """
+import sys
+from pathlib import Path
+from benchmarks.drive import drive
+from benchmarks.suites import SUITES, jobs_of
+sys.path.append(".")
+jobs = jobs_of(SUITES["paper"], ["Town01", "Town02"], ["ground_truth"], ["my_agent:make"], [0])
+print([drive(job).clean for job in jobs].count(True))
+"""
+    assert run([sys.executable, "-c", drive], tmp_path).strip() == "9"
+
+
+@pytest.mark.slow
+def test_the_metric_of_the_guide_reads_what_a_run_wrote(tmp_path):
+    write_modules(tmp_path)
+    line = next(command for command in COMMANDS if command.endswith("--out runs/ipm"))
+    run([sys.executable, "-m", "benchmarks.cli", *shlex.split(line)[1:]], tmp_path)
+    printed = run([sys.executable, "my_metric.py", "runs/ipm"], tmp_path)
+    assert re.search(r"^ipm, Town02 \d: [a-z_]+, route IoU 0\.\d\d", printed, flags=re.MULTILINE)
 
 
 SHORTER = {

@@ -1,9 +1,11 @@
-"""``GridTown``: a town of straight roads, T junctions and corners as a compact table."""
+"""``GridTown``: a town of straight roads, junctions and corners as a compact table."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+
+from ..checks import require_positive
 
 ARMS: dict[str, tuple[int, int]] = {"N": (0, -1), "E": (1, 0), "S": (0, 1), "W": (-1, 0)}
 """Unit vector (x east, y south) from a node towards each of its arms."""
@@ -24,7 +26,7 @@ class Arm:
 
 @dataclass(frozen=True)
 class Junction:
-    """A T junction.
+    """A junction of three or four arms.
 
     Attributes:
         half_size_m: Right turns have radius ``half_size_m - 2``, left turns ``half_size_m + 2``,
@@ -40,9 +42,12 @@ class Junction:
 class GridTown:
     """The table a town is built from; see ``town01.py`` for one.
 
+    World x points east, y south; all lengths are in metres. A node lies where a column crosses a
+    row, and is a corner, where two roads meet at a right angle, or a junction of three or four.
+
     Attributes:
         columns: World x of each grid column, by letter.
-        rows: World y of each grid row, by digit.
+        rows: World y of each grid row, by number.
         links: Two-way roads between nodes, as ``"A1-B1 B1-C1 ..."``.
         junctions: One line a junction: node, half size, then for each arm its letter, its edge
             distance and its signal head as ``x,y``.
@@ -53,6 +58,10 @@ class GridTown:
         lane_width_m: Width of every lane; the lane centre lies half of it right of the axis.
         shoulder_m: Paved strip outside each lane.
         sidewalk_m: Sidewalk outside the shoulder.
+
+    Raises:
+        ValueError: An entry cannot be read, names an unknown node, or a number is out of range.
+            What contradicts another entry is found when the town is built.
     """
 
     columns: Mapping[str, float]
@@ -65,6 +74,18 @@ class GridTown:
     lane_width_m: float = 4.0
     shoulder_m: float = 0.3
     sidewalk_m: float = 4.0
+
+    def __post_init__(self) -> None:
+        for letter in self.columns:
+            if len(letter) != 1:
+                raise ValueError(f"columns must be named by one letter each, got {letter!r}")
+        for name in ("speed_limit_mps", "lane_width_m"):
+            require_positive(name, getattr(self, name))
+        self.link_list()
+        for name in (*self.junction_table(), *self.corner_table()):
+            self.node(name)
+        for movement, radius in self.wide_turns.items():
+            require_positive(f"wide_turns[{movement!r}]", radius)
 
     def node(self, name: str) -> tuple[float, float]:
         """World position of a node such as ``"B3"``."""
@@ -81,7 +102,7 @@ class GridTown:
         opposite = {"N": "S", "S": "N", "E": "W", "W": "E"}
         links = []
         for text in self.links.split():
-            start, end = text.split("-")
+            start, _, end = text.partition("-")
             (x0, y0), (x1, y1) = self.node(start), self.node(end)
             if (x0 == x1) == (y0 == y1):
                 raise ValueError(f"link {text!r} must run along one row or one column")
@@ -91,17 +112,42 @@ class GridTown:
 
     def junction_table(self) -> dict[str, Junction]:
         """Junctions by node name."""
-        table = {}
-        for line in self.junctions.strip().splitlines():
-            name, half_size, *rest = line.split()
-            arms = {}
-            for letter, edge, head in zip(rest[0::3], rest[1::3], rest[2::3], strict=True):
-                x, y = head.split(",")
-                arms[letter] = Arm(float(edge), (float(x), float(y)))
-            table[name] = Junction(float(half_size), arms)
-        return table
+        return dict(_junction(line) for line in self.junctions.strip().splitlines())
 
     def corner_table(self) -> dict[str, float]:
         """Radius of the road axis at each corner, by node name."""
         words = self.corners.split()
-        return {name: float(radius) for name, radius in zip(words[0::2], words[1::2], strict=True)}
+        try:
+            table = {
+                name: float(radius) for name, radius in zip(words[0::2], words[1::2], strict=True)
+            }
+        except ValueError:
+            raise ValueError(
+                f"corners must be pairs of node and radius such as 'A1 8.9', got {self.corners!r}"
+            ) from None
+        for name, radius in table.items():
+            require_positive(f"radius of corner {name}", radius)
+        return table
+
+
+def _junction(line: str) -> tuple[str, Junction]:
+    """Node and junction of one line of the table."""
+    arms = {}
+    try:
+        name, half_size, *rest = line.split()
+        for letter, edge, head in zip(rest[0::3], rest[1::3], rest[2::3], strict=True):
+            x, y = head.split(",")
+            arms[letter] = Arm(float(edge), (float(x), float(y)))
+        junction = Junction(float(half_size), arms)
+    except ValueError:
+        raise ValueError(
+            "a junction must be one line such as 'B1 8  E 10 62,-4  S 11 54,12  W 12 38,4' (node, "
+            f"half size, then arm, edge distance and signal head x,y), got {line.strip()!r}"
+        ) from None
+    unknown = [letter for letter in arms if letter not in ARMS]
+    if unknown or len(arms) < 3:
+        raise ValueError(
+            f"junction {name} must have three or four arms of {', '.join(ARMS)}, "
+            f"got {', '.join(arms) or 'none'}"
+        )
+    return name, junction

@@ -16,9 +16,30 @@ from .route import Route, random_route, route_by_turns
 
 SUITES = ("route", "episode", "val", "test")
 """Long routes, evaluation episodes, and the two splits."""
-SPLIT_SEEDS = {"val": 1, "test": 2}
-SPLIT_SIZE = 50
-SPLIT_SHORTEST_M, SPLIT_LONGEST_M = 80.0, 400.0
+POOL = 1000
+"""Random routes that a suite is chosen from."""
+
+
+@dataclass(frozen=True)
+class Draw:
+    """How a suite is drawn.
+
+    Attributes:
+        seed: Seed of the stream of random routes.
+        size: Number of routes.
+        shortest_m: Least length.
+        longest_m: Greatest length.
+    """
+
+    seed: int
+    size: int
+    shortest_m: float
+    longest_m: float
+
+
+SPLITS = {"val": Draw(1, 50, 80.0, 400.0), "test": Draw(2, 50, 80.0, 400.0)}
+OTHERS = {"route": Draw(3, 10, 400.0, 1200.0), "episode": Draw(4, 5, 80.0, 160.0)}
+"""Suites of the built-in towns that come from elsewhere; other towns may have them drawn."""
 
 
 @dataclass(frozen=True)
@@ -118,36 +139,94 @@ def draw_split(town: CompiledTown, split: str) -> tuple[RouteSpec, ...]:
 
     Routes are taken from a seeded stream of random ones, first those that add the most movements
     not yet covered, then as they come. The same seed gives the same routes.
+
+    Raises:
+        ValueError: Not enough of the stream can be written down, or none passes some movement.
     """
-    rng = np.random.default_rng(SPLIT_SEEDS[split])
-    pool = [random_route(town, rng, SPLIT_SHORTEST_M, SPLIT_LONGEST_M) for _ in range(1000)]
-    every = movements(town)
-    covers = [every & set(zip(route.lanes[:-1], route.lanes[1:], strict=True)) for route in pool]
-    missing, chosen = set(every), []
-    while missing:
-        best = max(range(len(pool)), key=lambda k: len(covers[k] & missing))
-        missing -= covers[best]
-        chosen.append(best)
-    chosen += [k for k in range(len(pool)) if k not in chosen][: SPLIT_SIZE - len(chosen)]
-    return tuple(_spec(pool[k]) for k in sorted(chosen))
+    return _draw(town, SPLITS[split], everywhere=True)
 
 
-def _spec(route: Route) -> RouteSpec:
+def draw_suites(
+    town: CompiledTown, kept: Mapping[str, tuple[RouteSpec, ...]]
+) -> dict[str, tuple[RouteSpec, ...]]:
+    """Draw both splits, and the other suites where there are none yet.
+
+    Args:
+        town: The town.
+        kept: Suites that there are.
+
+    Raises:
+        ValueError: As in :func:`draw_split`.
+    """
+    others = {name: _draw(town, draw) for name, draw in OTHERS.items() if name not in kept}
+    return {**others, **kept, **{split: draw_split(town, split) for split in SPLITS}}
+
+
+def _draw(town: CompiledTown, draw: Draw, *, everywhere: bool = False) -> tuple[RouteSpec, ...]:
+    """Choose routes from a pool: those that add most movements first, then as they come.
+
+    With ``everywhere`` every movement is covered, by more routes than asked for if need be.
+    """
+    rng = np.random.default_rng(draw.seed)
+    pool = [random_route(town, rng, draw.shortest_m, draw.longest_m) for _ in range(POOL)]
+    missing = movements(town)
+    covers = [missing & set(zip(route.lanes[:-1], route.lanes[1:], strict=True)) for route in pool]
+    chosen: dict[int, RouteSpec] = {}
+    while missing and (everywhere or len(chosen) < draw.size):
+        best = max(range(POOL), key=lambda k: len(covers[k] & missing))
+        if not covers[best] & missing:
+            break
+        spec = _written(town, pool[best])
+        if spec is not None:
+            chosen[best] = spec
+            missing -= covers[best]
+        covers[best] = set()
+    if everywhere and missing:
+        before, after = (town.lanes[number].index for number in min(missing))
+        raise ValueError(
+            f"town {town.name!r}: no random route of {draw.shortest_m:g} to {draw.longest_m:g} m "
+            f"goes from lane {before} on to lane {after}; {DECISIONS}"
+        )
+    for k, route in enumerate(pool):
+        if len(chosen) >= draw.size:
+            break
+        if k not in chosen and (spec := _written(town, route)) is not None:
+            chosen[k] = spec
+    if len(chosen) < draw.size:
+        raise ValueError(
+            f"town {town.name!r}: only {len(chosen)} of {POOL:,} random routes of "
+            f"{draw.shortest_m:g} to {draw.longest_m:g} m can be told by their turns; {DECISIONS}"
+        )
+    return tuple(chosen[k] for k in sorted(chosen))
+
+
+DECISIONS = (
+    "a junction needs a name of its own without spaces, at most one way left, right and straight "
+    "on from each lane, and a way out of each that comes back"
+)
+
+
+def _written(town: CompiledTown, route: Route) -> RouteSpec | None:
+    """A route as it is written down; None if another one is found from that.
+
+    One that laps a town without coming by a junction is, for example.
+    """
     start, end = (tuple(np.round(route.points[i, :2], 2).tolist()) for i in (0, -1))
-    return RouteSpec(start, route.turns, end)
+    try:
+        again = route_by_turns(town, start, route.turns, end)
+    except ValueError:
+        return None
+    return RouteSpec(start, route.turns, end) if again.lanes == route.lanes else None
 
 
 def main() -> None:
     """Draw the splits of the built-in towns again and write them into their route files."""
-    from .registry import ROUTES_FOLDER, compiled_town, register_builtin_towns
+    from .registry import ROUTES_FOLDER, draw_routes, register_builtin_towns
 
     register_builtin_towns()
     for path in sorted(ROUTES_FOLDER.glob("*.json")):
-        town = compiled_town(path.stem)
-        book = RouteBook.read(town.name, path)
-        splits = {split: draw_split(town, split) for split in SPLIT_SEEDS}
-        RouteBook(town.name, {**book.suites, **splits}).write(path)
-        print(f"{path}: {', '.join(splits)} drawn")
+        draw_routes(path.stem, path)
+        print(f"{path}: {', '.join(SPLITS)} drawn")
 
 
 if __name__ == "__main__":

@@ -57,7 +57,7 @@ def test_a_log_made_with_other_flags_is_not_mixed_in(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
-        (["--town", "Town09"], "unknown town 'Town09'; available: Town01, Town02"),
+        (["--town", "Town09"], "unknown town 'Town09'; registered towns: Town01, Town02"),
         (["--levels", "2"], "--levels must be from 0 to 1, got 2"),
         (["--collections", "0"], "--collections must be at least 1"),
         (["--workers", "0"], "--workers must be at least 1, got 0"),

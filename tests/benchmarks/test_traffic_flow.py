@@ -101,7 +101,7 @@ def test_the_command_prints_the_flow_of_each_junction_and_writes_it(tmp_path, ca
 @pytest.mark.parametrize(
     ("arguments", "named"),
     [
-        (["--town", "Town7"], "unknown town 'Town7'; available: Town01"),
+        (["--town", "Town7"], "unknown town 'Town7'; registered towns: Town01"),
         (["--minutes", "0"], "--minutes must be from 0.01"),
         (["--seed", "-1"], "--seed must be at least 0, got -1"),
     ],

@@ -5,8 +5,10 @@ import pytest
 from highway_env.road.lane import CircularLane
 
 from bev_driving_env.towns.build import build_grid_town
+from bev_driving_env.towns.compiled import compile_network
 from bev_driving_env.towns.grid import GridTown
 from bev_driving_env.towns.network import CrossSection
+from bev_driving_env.towns.route import turn_letter
 
 RING = GridTown(
     columns={"A": 0.0, "B": 80.0},
@@ -106,3 +108,53 @@ def test_a_corner_with_a_single_road_is_refused_by_name():
 def test_an_impossible_cross_section_is_refused_by_name_and_value(name, value):
     with pytest.raises(ValueError, match=f"{name}.*{value}"):
         CrossSection(**{name: value})
+
+
+CROSS = dataclasses.replace(
+    T_TOWN,
+    rows={"1": 0.0, "2": 40.0, "3": 80.0},
+    links="A1-B1 B1-C1 A2-B2 B2-C2 A3-B3 B3-C3 A1-A2 A2-A3 B1-B2 B2-B3 C1-C2 C2-C3",
+    junctions="""
+        B1 8  E 10 62,-4  S 11 54,12  W 12 38,4
+        A2 8  N 10 -4,28  E 10 12,36  S 10 4,52
+        B2 8  N 10 46,28  E 10 62,36  S 10 54,52  W 10 38,44
+        C2 8  N 10 96,28  S 10 104,52  W 10 88,44
+        B3 8  N 10 46,68  E 10 62,76  W 10 38,84
+    """,
+    corners="A1 9  C1 9  A3 9  C3 9",
+)
+
+
+def test_a_junction_of_four_arms_has_twelve_movements_and_four_signals():
+    town = compile_network("cross", build_grid_town(CROSS))
+    ways = [
+        (lane, following)
+        for lane, options in enumerate(town.successors)
+        for following in options
+        if len(options) > 1 and town.lanes[following].junction == "B2"
+    ]
+    assert len(ways) == 4 * 3
+    assert [turn_letter(town, following) for _, following in ways].count("S") == 4
+    assert sum(signal.junction == "B2" for signal in town.signals) == 4
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"columns": {"AB": 0.0}}, "one letter each, got 'AB'"),
+        ({"lane_width_m": 0.0}, r"lane_width_m.*got 0\.0"),
+        ({"speed_limit_mps": math.nan}, "speed_limit_mps.*got nan"),
+        ({"links": "A1B1"}, "'A1B1'"),
+        ({"corners": "A1 10 B1"}, "pairs of node and radius.*got 'A1 10 B1'"),
+        ({"corners": "A1 -1"}, r"corner A1 .*got -1\.0"),
+        ({"corners": "Z1 9"}, "unknown node 'Z1'"),
+        ({"junctions": "B1 8 E 10"}, "one line such as.*got 'B1 8 E 10'"),
+        ({"junctions": "B1 8 E 10 62"}, "one line such as"),
+        ({"junctions": "B1 8 E 10 62,0 Q 3 1,1 S 1 0,0"}, "junction B1 .*three or four arms"),
+        ({"junctions": "B1 8 E 10 62,0 W 3 1,1"}, "junction B1 .*three or four arms.*got E, W"),
+        ({"wide_turns": {"B1 S>W": 0.0}}, r"wide_turns\['B1 S>W'\].*0\.0"),
+    ],
+)
+def test_an_entry_that_cannot_be_read_is_refused_when_the_table_is_made(fields, message):
+    with pytest.raises(ValueError, match=message):
+        dataclasses.replace(T_TOWN, **fields)

@@ -8,8 +8,17 @@ import pytest
 from highway_env.road.lane import CircularLane, StraightLane
 from highway_env.road.road import RoadNetwork
 
-from bev_driving_env import BEVTownEnv, register_town, road_network
-from bev_driving_env.towns.registry import compiled_town, register_builtin_towns, town_names
+from bev_driving_env import BEVTownEnv, GridTown, draw_routes, register_town, road_network
+from bev_driving_env.towns import routebook
+from bev_driving_env.towns.registry import (
+    compiled_town,
+    register_builtin_towns,
+    route_book,
+    town_files,
+    town_name,
+    town_names,
+)
+from bev_driving_env.towns.town02 import TOWN02
 
 
 def unique_name():
@@ -151,3 +160,74 @@ def test_a_broken_town_can_be_put_right_with_overwrite():
     register_town(name, lambda: None)
     register_town(name, stadium, overwrite=True)
     assert BEVTownEnv(town=name).reset(seed=0)[1]["route_length_m"] > 0.0
+
+
+RING = GridTown(
+    columns={"A": 0.0, "B": 400.0},
+    rows={"1": 0.0, "2": 300.0},
+    links="A1-B1 B1-B2 A2-B2 A1-A2",
+    junctions="",
+    corners="A1 10  B1 10  B2 10  A2 10",
+)
+
+
+def test_a_table_is_a_town():
+    name = unique_name()
+    register_town(name, TOWN02)
+    ours, theirs = compiled_town(name), compiled_town("Town02")
+    assert [lane.index for lane in ours.lanes] == [lane.index for lane in theirs.lanes]
+    assert ours.bounds == theirs.bounds
+
+
+def test_drawn_routes_are_there_at_once_and_again_when_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(routebook, "POOL", 120)
+    name, path = unique_name(), tmp_path / "routes.json"
+    register_town(name, RING, routes=path)
+    path.write_text(json.dumps({"episode": [{"start": [20, 2], "turns": "", "end": [60, 2]}]}))
+    assert route_book(name).size("val") == 0
+    drawn = draw_routes(name, path)
+    assert route_book(name).suites == drawn.suites
+    assert (drawn.size("val"), drawn.size("episode")) == (50, 1)
+    _, info = BEVTownEnv(town=name).reset(options={"split": "test", "index": 49})
+    assert 80.0 <= info["route_length_m"] <= 400.0
+
+
+def test_a_file_that_holds_no_routes_stays_as_it_is(tmp_path):
+    name, path = unique_name(), tmp_path / "routes.json"
+    register_town(name, RING)
+    path.write_text("[]")
+    with pytest.raises(ValueError, match=r"routes\.json is not a route file"):
+        draw_routes(name, path)
+    assert path.read_text() == "[]"
+
+
+@pytest.fixture
+def village(tmp_path, monkeypatch):
+    """A module that registers the town Village_xxx, and its name."""
+    monkeypatch.syspath_prepend(tmp_path)
+    name = unique_name()
+    module = f"module_of_{name}"
+    (tmp_path / f"{module}.py").write_text(
+        "from bev_driving_env import register_town\n"
+        "from bev_driving_env.towns.town02 import TOWN02\n"
+        f"register_town({name!r}, TOWN02, routes={str(tmp_path / 'routes.json')!r})\n"
+    )
+    return module, name
+
+
+def test_a_town_is_named_by_the_module_that_registers_it(village, tmp_path):
+    module, name = village
+    assert town_name(f"{module}:{name}") == name
+    assert compiled_town(f"{module}:{name}") is compiled_town(name)
+    assert BEVTownEnv(town=f"{module}:{name}").world.town.name == name
+    files = town_files(f"{module}:{name}")
+    assert files == (tmp_path / f"{module}.py", tmp_path / "routes.json")
+    assert town_files("Town01") == ()
+
+
+def test_a_module_that_cannot_be_imported_or_registers_no_such_town_is_told(village):
+    module, _ = village
+    with pytest.raises(ValueError, match=r"town 'no_such_module:Grove' cannot be loaded: ModuleNo"):
+        compiled_town("no_such_module:Grove")
+    with pytest.raises(ValueError, match=rf"unknown town '{module}:Grove'; registered.*Town01"):
+        compiled_town(f"{module}:Grove")

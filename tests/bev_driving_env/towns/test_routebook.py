@@ -3,9 +3,13 @@ import json
 
 import numpy as np
 import pytest
+from highway_env.road.lane import StraightLane
+from highway_env.road.road import RoadNetwork
 
+from bev_driving_env.towns import routebook
+from bev_driving_env.towns.compiled import compile_network
 from bev_driving_env.towns.registry import ROUTES_FOLDER, compiled_town, route_book
-from bev_driving_env.towns.routebook import RouteBook, RouteSpec, draw_split
+from bev_driving_env.towns.routebook import RouteBook, RouteSpec, draw_split, draw_suites, movements
 
 MOVEMENTS = {"Town01": 12 * 6, "Town02": 8 * 6}
 
@@ -104,3 +108,62 @@ def test_a_file_of_another_shape_is_refused_by_its_name(text, tmp_path):
 def test_a_missing_file_is_refused_by_its_name(tmp_path):
     with pytest.raises(ValueError, match=r"gone\.json is not a route file"):
         RouteBook.read("mine", tmp_path / "gone.json")
+
+
+def passed(town, book, suite):
+    """Movements that the routes of a suite go through."""
+    routes = [book.route(suite, index, town) for index in range(book.size(suite))]
+    steps = {step for route in routes for step in itertools.pairwise(route.lanes)}
+    return steps & movements(town)
+
+
+@pytest.fixture
+def small_pool(monkeypatch):
+    """Small towns have less to choose from."""
+    monkeypatch.setattr(routebook, "POOL", 120)
+
+
+@pytest.mark.usefixtures("small_pool")
+def test_a_town_without_routes_has_all_suites_drawn(ladder):
+    book = RouteBook("ladder", draw_suites(ladder, {}))
+    sizes = {suite: book.size(suite) for suite in book.suites}
+    assert sizes == {"route": 10, "episode": 5, "val": 50, "test": 50}
+    for suite, (least, most) in {"route": (400, 1200), "episode": (80, 160)}.items():
+        for index in range(book.size(suite)):
+            assert least - 0.02 <= book.route(suite, index, ladder).length_m <= most + 0.02
+    for split in ("val", "test"):
+        assert passed(ladder, book, split) == movements(ladder)
+    assert draw_suites(ladder, {}) == dict(book.suites)
+
+
+@pytest.mark.usefixtures("small_pool")
+def test_routes_that_there_are_stay_and_splits_are_drawn_anew(ladder, book):
+    mine = book.suites["episode"]
+    suites = draw_suites(ladder, {"episode": mine, "val": mine})
+    assert suites["episode"] == mine
+    assert suites["val"] != mine
+    assert len(suites["val"]) == 50
+
+
+def loop_with_two_ways_home(far_m, apart_m):
+    """A street of 100 m that parts into two lanes, which both lead back to its start."""
+    network = RoadNetwork()
+    network.add_lane("a", "b", StraightLane([0.0, 0.0], [100.0, 0.0]))
+    for middle, y in (("c", apart_m), ("d", -apart_m)):
+        network.add_lane("b", middle, StraightLane([100.0, 0.0], [100.0 + far_m, y]))
+        network.add_lane(middle, "a", StraightLane([100.0 + far_m, y], [0.0, 0.0]))
+    return compile_network("loop", network)
+
+
+def test_routes_that_their_turns_do_not_tell_are_refused_by_the_way_that_is_missed():
+    # both ways lead straight on
+    with pytest.raises(
+        ValueError, match=r"town 'loop': .*lane \('a', 'b', 0\) on .*at most one way"
+    ):
+        draw_split(loop_with_two_ways_home(100.0, 0.5), "val")
+
+
+def test_a_ring_has_routes_that_end_before_they_come_round_again(ring):
+    book = RouteBook("ring", {"val": draw_split(ring, "val")})
+    for index in range(book.size("val")):
+        assert len(set(book.route("val", index, ring).lanes[:-1])) <= 8  # four sides and corners
