@@ -85,6 +85,13 @@ def add_parser(verbs: Any) -> None:
     for name, known, text in CHOICES:
         value = getattr(DEFAULTS, name)
         add(f"--{name}", choices=known, default=value, help=f"{text}; default: {value}")
+    add(
+        "--until",
+        type=int,
+        metavar="STEP",
+        help="stop after this step, in the middle of the learning rate's cycle; the same command "
+        "without it goes on; default: the last one",
+    )
     add("--no-flips", action="store_true", help="do not mirror half of the samples")
     add("--workers", type=int, default=1, metavar="N", help="processes that render; default: 1")
     add_run_options(parser)

@@ -68,6 +68,7 @@ def _options(namespace: argparse.Namespace) -> TrainOptions:
             **{name: getattr(namespace, name) for name in names}, flips=not namespace.no_flips
         ),
         workers=namespace.workers,
+        until=namespace.until,
         checkpoint_s=60.0 * namespace.checkpoint_minutes,
         device=usable_device(namespace.device),
         overwrite=namespace.overwrite,
@@ -87,7 +88,8 @@ def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
     first_process_does(lambda: _claim(options))
     if checkpoint.exists():
         trainer.restore(checkpoint)
-    done = trainer.step == config.steps or trainer.exhausted
+    last = options.until or config.steps
+    done = trainer.step >= last or trainer.exhausted
     weights = sample_weights(samples, config, spec.config.channels, shown=chief)
     effective = effective_sizes(weights, spec.config.channels)
     if chief and effective is not None and not done:
@@ -96,7 +98,7 @@ def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
     report = Report(options, argv, trainer, chief, len(samples), effective, origin)
     with noted_interrupts() as interrupted, report:
         kept = time.monotonic()
-        steps = () if done else trainer.train(samples, weights, workers=options.workers)
+        steps = () if done else trainer.train(samples, weights, until=last, workers=options.workers)
         for measured in steps:
             report.advance(measured.loss)
             if trainer.step % config.validate_every == 0 or trainer.step == config.steps:

@@ -37,6 +37,7 @@ class TrainOptions:
         spec: The network.
         training: How to train.
         workers: Processes that render.
+        until: Step to stop after; None for the last one.
         checkpoint_s: Seconds between checkpoints.
         device: Where.
         overwrite: Discard what the output folder holds.
@@ -53,6 +54,7 @@ class TrainOptions:
     spec: ModelSpec
     training: TrainingConfig
     workers: int
+    until: int | None
     checkpoint_s: float
     device: torch.device
     overwrite: bool
@@ -61,6 +63,9 @@ class TrainOptions:
     def __post_init__(self) -> None:
         if not (is_int(self.workers) and self.workers >= 0):
             raise ValueError(f"--workers must be at least 0, got {self.workers}")
+        last = self.training.steps
+        if self.until is not None and not 1 <= self.until <= last:
+            raise ValueError(f"--until must be from 1 to --steps {last}, got {self.until}")
         if not self.checkpoint_s > 0.0:
             raise ValueError(f"--checkpoint-minutes must be positive, got {self.checkpoint_s / 60}")
 

@@ -175,6 +175,17 @@ def test_an_interrupted_training_goes_on_to_the_same_bits(
         interrupted_after(3, patched)
         assert train(log_folder, tmp_path, "--weighting", "kde") == 130
     assert "predictor and checkpoint are kept" in capsys.readouterr().err
+    assert_that_the_rest_leads_to_the_same(trained, log_folder, tmp_path)
+
+
+def test_a_training_can_stop_on_the_way(trained, log_folder, tmp_path, capsys):
+    assert train(log_folder, tmp_path, "--weighting", "kde", "--until", "3") == 0
+    assert_that_the_rest_leads_to_the_same(trained, log_folder, tmp_path)
+    assert train(log_folder, tmp_path, "--weighting", "kde", "--until", "5") == 2
+    assert "--until must be from 1 to --steps 4, got 5" in capsys.readouterr().err
+
+
+def assert_that_the_rest_leads_to_the_same(trained, log_folder, tmp_path):
     half = predictor_card(tmp_path / "predictor.safetensors")
     assert (half["steps"], half["best_step"]) == (3, 2)
     assert train(log_folder, tmp_path, "--weighting", "kde") == 0
