@@ -231,7 +231,7 @@ def test_suite_appearance_has_a_row_a_look(tmp_path, monkeypatch, capsys):
     short_suite(monkeypatch, "appearance", appearances=looks)
     arguments = ["run", "--suite", "appearance", "--town", "Town02", "--bev", "ipm"]
     assert main([*arguments, "--workers", "1", "--out", str(tmp_path)]) == 0
-    header, _, _planned, *rows = table_cells(capsys.readouterr().out)
+    header, _, _, *rows = table_cells(capsys.readouterr().out)
     assert header == ["BEV source", "Agent", "Look", "Town02 route (m)", "Infrac.", "Clean"]
     assert [row[:3] for row in rows] == [["ipm", "expert", look] for look in looks]
     content = json.loads((tmp_path / "results.json").read_text(encoding="utf-8"))

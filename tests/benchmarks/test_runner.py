@@ -116,9 +116,8 @@ class Slow(Expert):
 """
 
 
-@pytest.mark.parametrize(
-    "how", [signal.SIGTERM, pytest.param(signal.SIGKILL, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
 def test_a_killed_run_starts_again_where_it_was_and_leaves_no_workers(how, tmp_path):
     (tmp_path / "toy_slow_driver.py").write_text(SLOW_DRIVER, encoding="utf-8")
     command = [sys.executable, "-m", "benchmarks.cli", "run", "--town", "Town02", "--workers", "2"]
@@ -249,7 +248,7 @@ def test_a_predictor_that_crashes_fails_its_episodes_and_no_other(workers, tmp_p
 
 def test_a_result_that_was_written_elsewhere_is_not_counted(tmp_path):
     def on_another_machine(function, calls, workers, *, apart=False):
-        for number, (job, _folder, wanted) in enumerate(calls):
+        for number, (job, _, wanted) in enumerate(calls):
             yield number, function(job, tmp_path / "elsewhere", wanted)
 
     with pytest.raises(OtherRunError, match="all machines of the cluster share"):
