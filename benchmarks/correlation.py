@@ -140,6 +140,26 @@ def equal_but_different(
     return sorted(pairs, key=lambda pair: -pair.gap)
 
 
+def order_agreement(metric: ArrayLike, outcome: ArrayLike) -> float:
+    """Share of pairs that a metric puts in the order of their outcomes.
+
+    Of all pairs with different outcomes, of which those with equal metrics count half; NaN if there
+    are none.
+
+    Args:
+        metric: (V,) of the variants, more of it being better.
+        outcome: (V,) what they came to.
+
+    >>> order_agreement([0.1, 0.2, 0.2, 0.9], [0.0, 0.5, 1.0, 1.0])
+    0.9
+    """
+    x, y = np.asarray(metric, np.float64), np.asarray(outcome, np.float64)
+    farther = y[:, None] > y
+    if not np.any(farther):
+        return float("nan")
+    return float((np.sign(x[:, None] - x)[farther].mean() + 1.0) / 2.0)
+
+
 def _known(outcome: ArrayLike, *metrics: ArrayLike) -> list[Floats]:
     """Metrics and then the outcome, of the variants of which all are known."""
     values = [np.asarray(each, np.float64) for each in (*metrics, outcome)]

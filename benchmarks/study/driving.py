@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from bev_driving_env.towns.registry import compiled_town, route_book
 
 from ..attribution import clean_metres
@@ -15,6 +13,8 @@ from ..suites import LOOKS, Job
 from .variants import Variant
 
 SPLIT = "test"
+LONGEST_M = 300.0
+"""A drive ends at its first infraction: of a long route, most variants would not see the end."""
 SEEDS_APART = 1000
 """Each route has a seed of its own, so that random errors fall to all sides; those of two runs of
 the study do not meet."""
@@ -25,7 +25,8 @@ class Driving:
     """What the drives of a variant came to.
 
     Attributes:
-        clean_share: Metres before the first infraction, of all that were planned.
+        clean_share: Metres before the first infraction, of all that were planned; a clean drive
+            has all of them.
         clean_drives: Share of drives that were completed without an infraction.
         shares: The first, route by route.
         failed: Drives in which agent or BEV source raised something.
@@ -40,7 +41,7 @@ class Driving:
 
 
 def spread_routes(town: str, count: int, split: str = SPLIT) -> list[int]:
-    """Routes of a split from the shortest to the longest, evenly spread.
+    """Routes of a split from short to long, evenly spread over those of at most ``LONGEST_M``.
 
     Args:
         town: The town.
@@ -54,12 +55,14 @@ def spread_routes(town: str, count: int, split: str = SPLIT) -> list[int]:
         ValueError: There are not so many.
     """
     book, compiled = route_book(town), compiled_town(town)
-    size = book.size(split)
-    if not 1 <= count <= size:
-        raise ValueError(f"town {town!r} has {size} {split!r} routes, {count} were asked for")
-    lengths = [book.route(split, index, compiled).length_m for index in range(size)]
-    order = np.argsort(lengths, kind="stable")
-    return order[(np.arange(count) * 2 + 1) * size // (2 * count)].tolist()
+    every = {n: book.route(split, n, compiled).length_m for n in range(book.size(split))}
+    able = sorted((n for n in every if every[n] <= LONGEST_M), key=every.__getitem__)
+    if not 1 <= count <= len(able):
+        raise ValueError(
+            f"town {town!r} has {len(able)} {split!r} routes of at most {LONGEST_M:g} m, "
+            f"{count} were asked for"
+        )
+    return [able[(2 * k + 1) * len(able) // (2 * count)] for k in range(count)]
 
 
 def study_routes(towns: Sequence[str], count: int) -> list[tuple[str, int]]:
@@ -103,7 +106,8 @@ def summed_up(results: Sequence[EpisodeResult]) -> Driving:
     """
     if not results:
         raise ValueError("a variant without drives has no outcome")
-    clean = [clean_metres(result) for result in results]
+    # a route counts as driven some metres before its end: that must not tell clean drives apart
+    clean = [result.planned_m if result.clean else clean_metres(result) for result in results]
     first = [result.infraction for result in results if result.infraction]
     return Driving(
         sum(clean) / sum(result.planned_m for result in results),

@@ -15,6 +15,7 @@ from ..correlation import (
     RankCorrelation,
     advantage,
     equal_but_different,
+    order_agreement,
     rank_correlation,
 )
 from .driving import Driving
@@ -86,6 +87,7 @@ class Findings:
         standings: Of each metric that can be told, strongest correlation first.
         by_kind: Spearman's rho with clean metres of ``BY_KIND``, within kinds of variants that
             have enough of them and within the half with the higher mean IoU; with their number.
+        agreement: Share of pairs of variants that mean IoU puts in the order of their driving.
         pairs: Pairs with equal mean IoU and different driving, the most striking first; no
             variant is in more than two.
         equal_pairs: How many pairs have equal mean IoU.
@@ -97,6 +99,7 @@ class Findings:
     rows: tuple[Row, ...]
     standings: tuple[Standing, ...]
     by_kind: Mapping[str, tuple[int, Mapping[str, float]]]
+    agreement: float
     pairs: tuple[EqualPair, ...]
     equal_pairs: int
     different_pairs: int
@@ -145,6 +148,7 @@ def findings(rows: Sequence[Row], seed: int = 0) -> Findings:
         rows=tuple(rows),
         standings=tuple(sorted(standings, key=lambda each: -abs(each.metres.spearman))),
         by_kind=_by_kind(rows, metres),
+        agreement=order_agreement(mean_iou, metres),
         pairs=_striking([EqualPair(rows[pair.better], rows[pair.worse]) for pair in pairs]),
         equal_pairs=int((alike.sum() - len(rows)) // 2),
         different_pairs=len(pairs),

@@ -160,8 +160,13 @@ def conclusion(found: Findings) -> str:
 
 
 def _about_mean_iou(found: Findings, mean_iou: Standing) -> str:
-    rho, tau = mean_iou.metres.spearman, mean_iou.metres.kendall
-    word = "a good" if rho >= STRONG else "a fair" if rho >= FAIR else "a poor"
+    rho = mean_iou.metres.spearman
+    words = [_grade(end) for end in mean_iou.metres.spearman_interval]
+    if words == ["poor", "good"]:
+        verdict = "These variants are too few to tell whether mean IoU is a proxy for driving"
+    else:
+        word = " to ".join(dict.fromkeys(words))
+        verdict = f"Mean IoU is a {word} proxy for driving over these variants"
     share = found.different_pairs / found.equal_pairs if found.equal_pairs else 0.0
     blind = (
         "and variants that it cannot tell apart hardly ever drive very differently"
@@ -169,12 +174,18 @@ def _about_mean_iou(found: Findings, mean_iou: Standing) -> str:
         else "but variants that it cannot tell apart can drive very differently"
     )
     return (
-        f"Mean IoU is {word} proxy for driving over these variants: Spearman "
-        f"{with_interval(rho, mean_iou.metres.spearman_interval)}. Of two variants, the one with "
-        f"the higher mean IoU drives farther in about {50 * (1 + tau):.0f} % of cases, {blind}: "
+        f"{verdict}: Spearman "
+        f"{with_interval(rho, mean_iou.metres.spearman_interval)}. Of two variants that "
+        f"drive differently, the one with the higher mean IoU drives farther in "
+        f"{100 * found.agreement:.0f} % of cases, {blind}: "
         f"{100 * share:.0f} % of the pairs of equal mean IoU ({found.different_pairs} of "
         f"{found.equal_pairs}) are {100 * DIFFERENT_SHARE:.0f} points of clean metres apart."
     )
+
+
+def _grade(rho: float) -> str:
+    """How good a proxy with such a correlation is."""
+    return "good" if rho >= STRONG else "fair" if rho >= FAIR else "poor"
 
 
 def _about_others(found: Findings, mean_iou: Standing) -> str:

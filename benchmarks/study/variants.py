@@ -25,9 +25,9 @@ KINDS = (ERRONEOUS_TRUTH, PREDICTOR, ERRONEOUS_PREDICTOR, MIXTURE, CHECKPOINT)
 
 Doses = Mapping[str, Sequence[float]]
 EVERYWHERE: Doses = {
-    "latency": (0.3, 0.6, 1.0),
-    "rotation": (0.1, 0.3, 0.6),
-    "shift": (0.1, 0.2, 0.4),
+    "latency": (0.2, 0.4, 0.6, 1.0),
+    "rotation": (0.2, 0.5, 1.0),
+    "shift": (0.2, 0.5, 1.0),
     "dilation": (0.3, 0.6, 1.0),
     "erosion": (0.15, 0.3, 0.6),
     "channel_dropout": (0.1, 0.3, 0.6),
@@ -40,11 +40,11 @@ EVERYWHERE: Doses = {
 """Doses of error models on road, route and lane at once: from harmless to fatal."""
 ONE_CHANNEL: Mapping[str, Doses] = {
     "route": {
-        "straightening": (0.1, 0.25, 0.5, 1.0),
-        "latency": (0.6, 1.0),
-        "rotation": (0.2, 0.4),
-        "shift": (0.15, 0.3),
-        "erosion": (0.6, 1.0),
+        "straightening": (0.2, 0.5, 1.0),
+        "latency": (0.4, 0.7),
+        "rotation": (0.5, 1.0),
+        "shift": (0.3, 0.7),
+        "erosion": (0.5, 0.8),
         "range_misses": (0.6, 1.0),
         "blob_dropout": (0.3, 0.6),
         "ghosts": (0.5, 1.0),
@@ -59,8 +59,8 @@ WORSENED = ("cvt_kde", "ipm_unet_kde")
 """Predictors to which errors are added."""
 ADDED: Mapping[str, float] = {
     "latency": 0.3,
-    "rotation": 0.2,
-    "shift": 0.15,
+    "rotation": 0.5,
+    "shift": 0.3,
     "range_misses": 0.6,
     "blob_dropout": 0.3,
     "ghosts": 0.5,

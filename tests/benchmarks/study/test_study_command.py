@@ -78,7 +78,7 @@ def test_a_study_writes_tables_and_figure_and_resumes(tmp_path, monkeypatch, cap
     ("more", "message"),
     [
         (["--routes", "0"], "--routes must be"),
-        (["--routes", "101"], "has 50 'test' routes, 51 were asked for"),
+        (["--routes", "101"], "'test' routes of at most 300 m, 51 were asked for"),
         (["--samples", "0"], "--samples must be"),
         (["--seed", "-1"], "--seed must be at least 0, got -1"),
         (["--variants", "cvt_kd"], "--variants 'cvt_kd' matches none"),
