@@ -4,7 +4,7 @@ VENV   ?= .venv
 BIN    := $(VENV)/bin
 OUT    ?= runs/demo
 
-.PHONY: help demo test lint types unit slow oldest speed splits pictures docs clean
+.PHONY: help demo test lint types unit slow browser oldest speed splits pictures docs clean
 
 help:  ## List the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -23,10 +23,16 @@ types: $(VENV)/.tools
 	$(BIN)/mypy
 
 unit: $(VENV)/.tools
-	$(BIN)/python -m pytest -q -n 2 -m "not slow"
+	$(BIN)/python -m pytest -q -n 2 -m "not slow and not browser"
 
 slow: $(VENV)/.tools $(VENV)/.docs  ## The tests that take long: several processes, whole suites
 	$(BIN)/python -m pytest -q -n 2 -m slow
+
+browser: $(VENV)/.tools  ## The report in headless Chromium; needs chromium and chromedriver
+	@command -v chromium >/dev/null && command -v chromedriver >/dev/null || \
+		{ echo "make browser needs Chromium: apt-get install chromium chromium-driver"; exit 1; }
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[browser]'
+	$(BIN)/python -m pytest -q -m browser tests
 
 oldest: $(VENV)-oldest/.installed  ## The environment's tests with the oldest supported Gymnasium
 	PYTHONPATH=$(abspath $(VENV)-oldest) $(BIN)/python -m pytest -q -n 2 \

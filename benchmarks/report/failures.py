@@ -127,7 +127,9 @@ def _driver(failure: Failure) -> Driver:
 def _counted(failures: Sequence[Failure]) -> str:
     names = [name for failure in failures for name in failure.names]
     counts = {name: names.count(name) for name in dict.fromkeys(names)}
-    return ", ".join(f"{count} {plain(name)}" for name, count in counts.items())
+    return ", ".join(
+        f"{count} \N{MULTIPLICATION SIGN} {plain(name)}" for name, count in counts.items()
+    )
 
 
 def plain(name: str) -> str:
@@ -184,12 +186,14 @@ def _pictures(failure: Failure, replay: Replay | None, title: str) -> Content:
         aria_label=f"Moment of the last seconds. {title}",
     )
     return [
+        element("p", element("span", "policy's BEV"), element("span", "truth"), class_="halves"),
         page.image(
             shot.film,
             "webp",
             f"BEV at the end of the drive, left what the policy saw, right the truth. {title}",
             class_="film",
             data_frames=shot.frames,
+            decoding="async",
         ),
         element(
             "p",
@@ -198,7 +202,7 @@ def _pictures(failure: Failure, replay: Replay | None, title: str) -> Content:
             class_="controls film-controls",
             hidden="",
         ),
-        page.image(shot.cameras, "webp", f"Cameras at that moment. {title}"),
+        page.image(shot.cameras, "webp", f"Cameras at that moment. {title}", decoding="async"),
     ]
 
 

@@ -78,7 +78,7 @@ def image(content: bytes, kind: str, description: str, **attributes: str | int |
         attributes: As for :func:`element`.
     """
     source = f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
-    return void("img", src=source, alt=description, decoding="async", **attributes)
+    return void("img", src=source, alt=description, **attributes)
 
 
 def figure(picture: Content, caption: Content) -> Markup:

@@ -24,6 +24,8 @@ SIDE_PX = 112
 """Of a BEV in a film; on a phone half the screen's width is about 165 px."""
 FILM_QUALITY = 30
 CAMERA_QUALITY = 45
+LINE = 150
+"""Grey of the line between what the policy saw and the truth."""
 TIME_LIMIT = "time_limit"
 """What a drive ended by that ran out of time."""
 
@@ -70,7 +72,7 @@ def _last_seconds(
 ) -> LastSeconds:
     kept = list(moments)[::-1][::EVERY_STEPS][::-1]  # the last one is among them
     config = env.world.config
-    frames = [np.hstack([bev_panel(config, bev, SIDE_PX) for bev in pair]) for pair in kept]
+    frames = [_beside(*(bev_panel(config, bev, SIDE_PX) for bev in pair)) for pair in kept]
     return LastSeconds(
         float(env.world.state.steps[0]) * config.step_s,
         names,
@@ -78,6 +80,13 @@ def _last_seconds(
         tuple(camera.name for camera in env.sensors.settings.rig.cameras),
         np.stack(frames),
     )
+
+
+def _beside(left: Images, right: Images) -> Images:
+    """Two pictures beside each other with a line between them."""
+    picture: Images = np.hstack([left, right])
+    picture[:, left.shape[1]] = LINE
+    return picture
 
 
 def film(frames: Images) -> bytes:
