@@ -20,9 +20,6 @@ from bev_driving_env.frames import CHANNELS
 from bev_driving_env.render import bev_image, fit_tile, write
 from bev_driving_env.sources.protocol import SensorFrame
 from bev_driving_env.sources.registry import make_bev_source
-from perception.shipped import shipped_path
-from perception.starting import predecessors
-from perception.weights import predictor_card
 
 PLACES: tuple[tuple[dict[str, int], float], ...] = (
     ({"episode": 1}, 22.0),
@@ -34,6 +31,17 @@ PLACES: tuple[tuple[dict[str, int], float], ...] = (
 """Where in Town02 predictors are asked: reset options, route metres."""
 SHOWN = ("blind", "unet", "cvt_kde", "ipm_unet_kde")
 TILE_PX = 192
+BEFORE = {
+    "ipm_half": ("ipm_start", 32_000),
+    "ipm_unet": ("ipm_half", 28_800),
+    "ipm_unet_kde": ("ipm_unet", 40_000),
+    "cvt_short": ("cvt_start", 12_800),
+    "cvt_no_noise": ("cvt_start", 12_800),
+    "cvt_3ch": ("cvt_start", 12_800),
+    "cvt": ("cvt_short", 7_200),
+    "cvt_kde": ("cvt", 32_000),
+}
+"""What each training of ``recipes/predictors.sh`` goes on from, and after how many frames of it."""
 FOLDER = Path(__file__).parent / "training"
 PANELS = {
     "loss_road": "BCE + Dice, road",
@@ -53,10 +61,9 @@ def read(path: Path) -> dict[str, list[float]]:
 
 
 def frames_before(name: str) -> int:
-    """Frames that the predictors had seen which a shipped one goes on from."""
-    path = shipped_path(name)
-    card = predictor_card(path) if path.exists() else {}
-    return sum(int(start["samples"]) for start in predecessors(card))
+    """Frames that those had seen which a training goes on from."""
+    before, frames = BEFORE.get(name, (name, 0))
+    return frames + frames_before(before) if before != name else 0
 
 
 def draw_predictions() -> NDArray[np.uint8]:
