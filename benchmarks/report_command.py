@@ -24,7 +24,6 @@ from .report.drivers import by_driver
 from .report.failures import Failure, cards, chosen_failures
 from .report.page import element
 from .report.replay_store import Replay, replays_of
-from .suites import SUITES
 
 MOST_CARDS = 100
 """At some 35 kB each they stay below five megabytes."""
@@ -167,13 +166,9 @@ def findings_sections(findings: Findings) -> list[Section]:
         OtherRunError: What was read is not what the command writes.
     """
     results = findings.results
-    with_traffic = any(
-        suite.leaderboard and suite.conditions.traffic_lights == drive.job.conditions.traffic_lights
-        for suite in SUITES.values()
-        for drive in results[:1]
-    )
     routes: list[Block] = [closed_loop.route_table(results)]
-    if with_traffic:
+    if results[0].job.conditions.terminate_on is not None:
+        # drives that go on after an infraction are judged by their driving score
         routes.append(closed_loop.leaderboard_table(results))
     broken = closed_loop.broken_table(results)
     if broken:

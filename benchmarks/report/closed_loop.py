@@ -52,8 +52,8 @@ def route_table(results: Sequence[EpisodeResult]) -> Table:
         rows.append(tuple(row))
     caption = (
         "Route metres driven, summed over the episodes of a town (mean over seeds), and episodes "
-        "with an infraction. Clean: completed without one. Small print: 95 % intervals, of metres "
-        "over routes and seeds (bootstrap), of clean shares in percent (Wilson)."
+        "with an infraction. Clean: completed without one. With 95 % intervals: of metres over "
+        "routes and seeds (bootstrap), of clean shares in percent (Wilson)."
     )
     if compared:
         caption += (

@@ -111,7 +111,7 @@ def cards(
         made.append(
             element(
                 "details",
-                element("summary", words),
+                element("summary", page.breakable(words)),
                 element("div", shown, class_="cards"),
                 open="" if first else None,
             )

@@ -101,6 +101,7 @@ def _identity(job: Job) -> dict[str, Any]:
             replay.SIDE_PX,
             replay.FILM_QUALITY,
             replay.CAMERA_QUALITY,
+            replay.LINE,
         ],
     }
 

@@ -53,8 +53,8 @@ def iou_table(results: Sequence[EpisodeResult]) -> Table:
             row += [Cell(value) for value in (*paper, fmean(paper))]
         rows.append(tuple(row))
     caption = (
-        "IoU of what the policy saw, over all moments of its own drives (pixels added up). Small "
-        "print: 95 % intervals over routes and seeds (bootstrap)."
+        "IoU of what the policy saw, over all moments of its own drives (pixels added up), with "
+        "95 % intervals over routes and seeds (bootstrap)."
     )
     if compared:
         caption += " The paper's figures are from another world, CARLA's own images."

@@ -9,7 +9,8 @@ import pytest
 
 from benchmarks.cli import main
 from benchmarks.report import replay
-from benchmarks.report_command import read_run
+from benchmarks.report_command import Findings, findings_sections, read_run
+from benchmarks.suites import Conditions
 
 SHIFTED = "ground_truth~shift=0.3"
 NOTE = {"command": "bev-perception evaluate", "date_utc": "2026-01-01", "git_commit": None}
@@ -119,6 +120,15 @@ def test_a_mistake_is_told_in_one_line_and_nothing_is_written(folder, capsys, ar
     assert len(told.splitlines()) == 1
     assert all(word in told for word in words)
     assert sorted(path.name for path in folder.iterdir()) == before
+
+
+def test_drives_that_go_on_after_infractions_have_the_leaderboards_table(make_result):
+    def names(conditions: Conditions) -> list[str]:
+        routes, *_ = findings_sections(Findings([make_result(conditions=conditions)], {}))
+        return [block.name for block in routes.blocks]
+
+    assert names(Conditions()) == ["route completion"]
+    assert names(Conditions(terminate_on=("blocked",))) == ["route completion", "leaderboard"]
 
 
 def test_a_folder_without_a_finished_run_is_told(tmp_path, capsys):
