@@ -6,10 +6,12 @@ import functools
 import importlib.util
 import os
 import signal
+import socket
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
+from urllib.parse import urlsplit
 
 from bev_driving_env.command_line import UsageError
 from bev_driving_env.workers import keep_to_one_thread
@@ -18,6 +20,7 @@ from .pool import Execute, Result
 
 INSTALL = "pip install 'bev-driving-env[ray]'"
 LOCAL = "local"
+KNOCK_S = 5.0
 
 
 def check_ray() -> None:
@@ -51,12 +54,13 @@ def ray_cluster(address: str | None, workers: int) -> Iterator[Execute]:
     # Ray replaces the handler of SIGTERM by one that skips what is to be put in order
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
+        _knock(where)
         if where == LOCAL:
             os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
             ray.init(LOCAL, num_cpus=workers, include_dashboard=False, logging_level="warning")
         else:
             ray.init(where, logging_level="warning")
-    except (ConnectionError, RuntimeError, TimeoutError, ValueError) as error:
+    except (OSError, RuntimeError, ValueError) as error:
         reason = str(error).partition("\n")[0]
         raise UsageError(f"no Ray cluster at {where!r}: {reason}") from error
     for number, handler in handlers.items():
@@ -65,6 +69,18 @@ def ray_cluster(address: str | None, workers: int) -> Iterator[Execute]:
         yield _on_ray
     finally:
         ray.shutdown()
+
+
+def _knock(address: str) -> None:
+    """Find out in seconds whether anyone listens at an address, for which Ray takes minutes.
+
+    Raises:
+        OSError: Nobody does.
+        ValueError: The address makes no sense.
+    """
+    place = urlsplit(address if "://" in address else f"ray://{address}")
+    if place.hostname is not None and place.port is not None:  # unlike "local" and "auto"
+        socket.create_connection((place.hostname, place.port), timeout=KNOCK_S).close()
 
 
 def _on_ray(
