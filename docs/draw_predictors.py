@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from draw_pictures import at, save_photo
+from matplotlib import colormaps
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -96,12 +97,14 @@ def draw_curves() -> None:
     """Draw one panel a figure, one line a predictor."""
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
     panels = figure.subplots(2, 3, sharex=True).T.ravel()
-    for path in sorted(FOLDER.glob("*.csv")):
+    for number, path in enumerate(sorted(FOLDER.glob("*.csv"))):
         columns, before = read(path), frames_before(path.stem)
+        # a predictor without a channel must not shift the colours of the others
+        look = {"color": colormaps["tab20"](number), "marker": ".", "label": path.stem}
         for panel, name in zip(panels, PANELS, strict=True):
             if name in columns:
                 frames = [(before + count) / 1000.0 for count in columns["samples"]]
-                panel.plot(frames, columns[name], marker=".", label=path.stem)
+                panel.plot(frames, columns[name], **look)
     for panel, title in zip(panels, PANELS.values(), strict=True):
         panel.set_title(title, fontsize="medium")
         panel.grid(alpha=0.3)

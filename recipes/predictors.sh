@@ -53,7 +53,7 @@ if [ ! -d "$runs/cvt_half" ]; then
 fi
 train cvt_kde "${cvt[@]}" "${perturbed[@]}" --start "$runs/cvt_half/predictor.safetensors" \
     --steps 2600 --validate-every 400 --learning-rate 7e-4 --weighting kde "${kde[@]}"
-train cvt "${long[@]}" --until 7200
+train cvt "${long[@]}" --until 5600
 
 # those that are not given it, and the floor
 train unet --preset unet --loss bce_dice --looks wild --steps 1200 --validate-every 300 "${perturbed[@]}"
