@@ -92,6 +92,8 @@ class Findings:
             variant is in more than two.
         equal_pairs: How many pairs have equal mean IoU.
         different_pairs: How many of them drive differently.
+        tie_ceiling: What rho a metric reaches that puts all variants in the right order and tells
+            apart those that drive alike, such as all that drive cleanly.
         reliability: What rho an ideal metric would reach, at most, see :func:`reliability`.
         routes: How many routes were driven.
     """
@@ -103,6 +105,7 @@ class Findings:
     pairs: tuple[EqualPair, ...]
     equal_pairs: int
     different_pairs: int
+    tie_ceiling: float
     reliability: float
     routes: int
 
@@ -152,6 +155,7 @@ def findings(rows: Sequence[Row], seed: int = 0) -> Findings:
         pairs=_striking([EqualPair(rows[pair.better], rows[pair.worse]) for pair in pairs]),
         equal_pairs=int((alike.sum() - len(rows)) // 2),
         different_pairs=len(pairs),
+        tie_ceiling=_rho(np.argsort(np.argsort(metres, kind="stable")).astype(float), metres),
         reliability=reliability([row.driving.shares for row in rows]),
         routes=len(rows[0].driving.shares),
     )

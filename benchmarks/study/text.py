@@ -23,11 +23,13 @@ from .findings import (
     Row,
     Standing,
 )
-from .metrics import DIVERGENCE, MEAN_IOU, METRICS, ROUTE_TURN
+from .metrics import DIVERGENCE, MEAN_IOU, METRICS, ONLINE, OPEN_LOOP, ROUTE_TURN
 
 OUTCOMES = ("clean_share", "clean_drives")
 STRONG, FAIR = 0.9, 0.7
 """Spearman's rho from which a proxy is called good, and fair."""
+FEW = 20
+"""Of fewer variants no verdict is given, whatever the intervals."""
 SMALL = 0.05
 """Least share that divides equal pairs that matter from those that do not."""
 
@@ -150,19 +152,22 @@ def conclusion(found: Findings) -> str:
     mean_iou = found.standing(MEAN_IOU)
     if mean_iou is None:
         return "Mean IoU is the same for all variants, so nothing can be said."
-    paragraphs = [_about_mean_iou(found, mean_iou), _about_others(found, mean_iou)]
+    limits = (
+        "No metric reaches 1: one that orders all variants rightly, and tells apart those that drive "
+        f"alike too, reaches {found.tie_ceiling:.2f}."
+    )
     if math.isfinite(found.reliability):
-        paragraphs.append(
-            f"The outcome itself is known from {found.routes} routes only: judged by its two "
-            f"halves, even an ideal metric would reach about {found.reliability:.2f}."
+        limits += (
+            f" And the outcome is known from {found.routes} routes only: judged by its two "
+            f"halves, chance alone would keep an ideal metric at about {found.reliability:.2f}."
         )
-    return "\n\n".join(paragraphs)
+    return "\n\n".join([_about_mean_iou(found, mean_iou), _about_others(found, mean_iou), limits])
 
 
 def _about_mean_iou(found: Findings, mean_iou: Standing) -> str:
     rho = mean_iou.metres.spearman
     words = [_grade(end) for end in mean_iou.metres.spearman_interval]
-    if words == ["poor", "good"]:
+    if words == ["poor", "good"] or len(found.rows) < FEW:
         verdict = "These variants are too few to tell whether mean IoU is a proxy for driving"
     else:
         word = " to ".join(dict.fromkeys(words))
@@ -190,11 +195,11 @@ def _grade(rho: float) -> str:
 
 def _about_others(found: Findings, mean_iou: Standing) -> str:
     others = [each for each in found.standings if each is not mean_iou]
-    by_family: dict[str, list[Standing]] = {}
-    for each in others:
-        by_family.setdefault(each.metric.family, []).append(each)
     sentences = []
-    for family, standings in by_family.items():
+    for family in (OPEN_LOOP, ONLINE):
+        standings = [each for each in others if each.metric.family == family]
+        if not standings:
+            continue
         best = max(standings, key=lambda each: each.metres.spearman)
         better = [each for each in standings if each.over_mean_iou.interval[0] > 0.0]
         worse = [each for each in standings if each.over_mean_iou.interval[1] < 0.0]

@@ -52,10 +52,18 @@ def test_the_conclusion_follows_the_figures(rows, make_row):
 
 
 def test_a_few_variants_are_not_called_good_or_poor(make_row):
-    rows = [make_row(k, share, mean_iou=0.1 * k) for k, share in enumerate((0.3, 0.1, 0.5, 0.9))]
+    rows = [make_row(k, share, mean_iou=0.1 * k) for k, share in enumerate((0.1, 0.3, 0.5, 0.9))]
     text = conclusion(findings(rows))
     assert "too few to tell whether mean IoU is a proxy" in text
-    assert "a poor proxy" not in text
+    assert " a good proxy" not in text
+
+
+def test_variants_that_drive_alike_keep_any_metric_under_one(rows, make_row):
+    assert findings(rows).tie_ceiling == pytest.approx(1.0)
+    tied = [make_row(k, min(1.0, k / 10), mean_iou=k / 40) for k in range(40)]
+    found = findings(tied)
+    assert found.tie_ceiling == pytest.approx(found.standing("mean_iou").metres.spearman)
+    assert found.tie_ceiling < 0.9
 
 
 def test_kinds_are_looked_at_apart(rows):

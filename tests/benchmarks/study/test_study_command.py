@@ -17,7 +17,7 @@ from benchmarks.study.frames import collect_logs
 from benchmarks.study.variants import KINDS, default_variants
 
 DOCS = Path(__file__).parents[3] / "docs"
-VARIANTS = ["ground_truth", "ground_truth~straightening=1@route", "ground_truth~shift=*@route"]
+VARIANTS = ["ground_truth", "ground_truth~straightening=1@route", "ground_truth~latency=*@route"]
 
 
 @pytest.fixture
