@@ -153,8 +153,8 @@ def conclusion(found: Findings) -> str:
     if mean_iou is None:
         return "Mean IoU is the same for all variants, so nothing can be said."
     limits = (
-        "No metric reaches 1: one that orders all variants rightly, and tells apart those that drive "
-        f"alike too, reaches {found.tie_ceiling:.2f}."
+        "No metric reaches 1: one that orders all variants rightly, but tells apart those that "
+        f"drive alike, reaches {found.tie_ceiling:.2f}."
     )
     if math.isfinite(found.reliability):
         limits += (
