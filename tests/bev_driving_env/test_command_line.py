@@ -13,11 +13,14 @@ def status_of(command) -> int:
     parser = OneLineParser(prog="toy")
     verb = parser.add_subparsers(dest="verb").add_parser("work")
     verb.set_defaults(command=command, interrupted="; all is kept")
-    before = signal.getsignal(signal.SIGTERM)
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    # who runs the tests in the background may have Ctrl-C ignored
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         return run_verb(parser, ["work"])
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

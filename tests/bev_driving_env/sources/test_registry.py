@@ -190,7 +190,8 @@ def test_an_unknown_name_is_refused_with_what_there_is(spec, my_sources):
     message = str(error.value)
     assert message == (
         f"unknown bev_source {spec!r}; available sources: {', '.join(bev_source_names())}; "
-        "or 'module:factory', or the path of a checkpoint"
+        "or 'module:factory', or the path of a checkpoint; SOURCE~MODEL=DOSE for one behind "
+        "error models"
     )
     assert "ground_truth, ipm, " in message
     assert "mine" in message
