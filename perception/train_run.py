@@ -109,7 +109,8 @@ def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
                 kept = time.monotonic()
             if trainer.exhausted:
                 break
-        report.keep()
+        if not done:  # or others that started from this predictor would not know it again
+            report.keep()
     if chief:
         print(report.summary())
 

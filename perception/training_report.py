@@ -140,7 +140,6 @@ class Report(Progress):
         if not self._chief:
             return
         options, trainer = self._options, self._trainer
-        trainer.save(options.out / CHECKPOINT)
         write_text(options.out / METRICS, as_csv(trainer.rows))
         best = self._best_row()
         chosen = tuple(best[name] if best else 0.5 for name in self._names("threshold"))
@@ -148,6 +147,8 @@ class Report(Progress):
         model = trainer.best_model()
         predictor = Predictor(spec, model, chosen, spec.camera_size, self._card(best))
         save_predictor(predictor, options.out / WEIGHTS)
+        # last, so that with a checkpoint of the last step nothing else is missing
+        trainer.save(options.out / CHECKPOINT)
 
     def _best_row(self) -> dict[str, float] | None:
         """That of the weights that are kept; None while nothing was validated."""

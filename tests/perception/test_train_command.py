@@ -202,6 +202,13 @@ def assert_that_the_rest_leads_to_the_same(trained, log_folder, tmp_path):
         ]
 
 
+def test_a_finished_training_is_left_alone(trained, log_folder):
+    files = [trained / name for name in ("predictor.safetensors", "checkpoint.pt", "metrics.csv")]
+    before = [file.read_bytes() for file in files]
+    assert train(log_folder, trained, "--weighting", "kde") == 0
+    assert [file.read_bytes() for file in files] == before
+
+
 def test_before_the_first_validation_the_last_weights_are_kept(log_folder, tmp_path, monkeypatch):
     interrupted_after(1, monkeypatch)
     assert train(log_folder, tmp_path) == 130
