@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -16,53 +15,48 @@ from bev_driving_env.command_line import UsageError
 from bev_driving_env.files import write_json, write_text
 from bev_driving_env.frames import CHANNELS
 from bev_driving_env.markdown import markdown
-from bev_driving_env.provenance import provenance
+from bev_driving_env.sources.expressions import TRUTH
 from perception.evaluation_tables import short_name
 
 from .attribution import Attribution, attribute, substitutions
 from .pool import results_of
 from .rewind import Rescue, rewind
-from .run_command import (
-    agent_hashes,
+from .run_folder import open_run, used_hashes
+from .runner import run_jobs
+from .suite_options import (
+    SuiteOptions,
+    add_suite_arguments,
     checked_specs,
-    discard_run,
-    run_identity,
-    source_hashes,
-    town_hashes,
+    distinct,
+    suite_values,
 )
-from .runner import claim_folder, run_jobs
 from .suites import SUITES, Job, jobs_of
-
-ALIVE = CHANNELS[3:]
-"""Channels that stay empty in a suite without traffic."""
 
 
 @dataclass(frozen=True)
-class AttributeOptions:
-    """Options of ``bev-bench attribute``; see its ``--help``.
+class AttributeOptions(SuiteOptions):
+    """Options of ``bev-bench attribute``.
+
+    Attributes:
+        channels: Those that are replaced.
+        rewind: Whether failed drives are rewound.
 
     Raises:
-        ValueError: A value is out of range.
+        ValueError: A value is out of range, or there is nothing to attribute.
     """
 
-    suite: str
-    bev: tuple[str, ...]
-    agent: tuple[str, ...]
-    town: tuple[str, ...]
-    seed: tuple[int, ...]
     channels: tuple[str, ...]
     rewind: bool
-    out: Path
-    workers: int
-    overwrite: bool
 
     def __post_init__(self) -> None:
-        if self.workers < 1:
-            raise ValueError(f"--workers must be at least 1, got {self.workers}")
-        if min(self.seed) < 0:
-            raise ValueError(f"--seed must be at least 0, got {min(self.seed)}")
-        if "ground_truth" in self.bev:
-            raise ValueError("ground_truth has no errors to attribute: leave it out of --bev")
+        super().__post_init__()
+        if TRUTH in self.bev:
+            raise ValueError(f"{TRUTH} has no errors to attribute: leave it out of --bev")
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """The options that make two runs the same, JSON-ready."""
+        return {"verb": "attribute", **super().identity, "channels": list(self.channels)}
 
 
 def add_parser(verbs: Any) -> None:
@@ -75,12 +69,8 @@ def add_parser(verbs: Any) -> None:
         "replacing a single channel saves it: the point of no return. Writes attribution.md and "
         ".json; resumes.",
     )
+    add_suite_arguments(parser, "bc")
     add = parser.add_argument
-    add("--suite", choices=tuple(SUITES), default="paper", help="default: paper")
-    add("--bev", nargs="+", required=True, metavar="SOURCE", help="BEV sources to be judged")
-    add("--agent", nargs="+", default=["bc"], metavar="AGENT", help="default: bc")
-    add("--town", nargs="+", default=["Town01", "Town02"], metavar="TOWN", help="default: both")
-    add("--seed", nargs="+", type=int, default=[0], metavar="N", help="default: 0")
     add(
         "--channels",
         nargs="+",
@@ -90,9 +80,6 @@ def add_parser(verbs: Any) -> None:
         "(without traffic: road, route, lane)",
     )
     add("--no-rewind", action="store_true", help="share the metres only")
-    add("--out", type=Path, required=True, help="folder for the results")
-    add("--workers", type=int, default=os.cpu_count() or 1, help="processes; default: all cores")
-    add("--overwrite", action="store_true", help="discard what the folder already holds")
     parser.set_defaults(
         command=run,
         interrupted="; finished drives are kept, the same command resumes (without --overwrite)",
@@ -109,18 +96,10 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
         options, jobs = _checked(namespace)
     except ValueError as error:
         raise UsageError(str(error)) from error
-    if options.overwrite:
-        discard_run(options.out)
-    hashes = {
-        **agent_hashes(options.agent),
-        **source_hashes(options.bev),
-        **town_hashes(options.town),
-    }
-    note = provenance(argv, options.seed, hashes)
-    values = asdict(options)
-    chosen = {key: values[key] for key in ("suite", "bev", "agent", "town", "seed", "channels")}
-    identity = {key: list(v) if isinstance(v, tuple) else v for key, v in chosen.items()}
-    claim_folder(options.out, run_identity({"verb": "attribute", **identity}, hashes), note)
+    hashes = used_hashes(options.agent, options.bev, options.town)
+    note = open_run(
+        options.out, argv, options.identity, hashes, options.seed, overwrite=options.overwrite
+    )
     drives = substitutions(jobs, options.channels)
     results = dict(zip(drives, run_jobs(drives, options.out, options.workers), strict=True))
     found = [attribute(job, options.channels, results) for job in jobs]
@@ -147,16 +126,9 @@ def _checked(namespace: argparse.Namespace) -> tuple[AttributeOptions, list[Job]
     suite = SUITES[namespace.suite]
     shown = CHANNELS if suite.conditions.traffic != "none" else CHANNELS[:3]
     options = AttributeOptions(
-        suite=namespace.suite,
-        bev=tuple(dict.fromkeys(namespace.bev)),
-        agent=tuple(dict.fromkeys(namespace.agent)),
-        town=tuple(dict.fromkeys(namespace.town)),
-        seed=tuple(dict.fromkeys(namespace.seed)),
-        channels=tuple(dict.fromkeys(namespace.channels or shown)),
+        **suite_values(namespace),
+        channels=distinct(namespace.channels or shown),
         rewind=not namespace.no_rewind,
-        out=namespace.out,
-        workers=namespace.workers,
-        overwrite=namespace.overwrite,
     )
     jobs = list(jobs_of(suite, options.town, options.bev, options.agent, options.seed))
     checked_specs(options.bev, options.agent, options.town[0], suite)

@@ -6,13 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from bev_driving_env.sources.expressions import with_truth
+from bev_driving_env.sources.expressions import TRUTH, with_truth
 
 from .drive import EpisodeResult
 from .shapley import Coalition, coalitions, shapley_values
 from .suites import Job
-
-TRUTH = "ground_truth"
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,6 @@ policy itself came to, with all that its own mistakes led to.
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,16 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bev_driving_env.env import BEVTownEnv
-from bev_driving_env.files import write_bytes
 from bev_driving_env.frames import CHANNELS
 from bev_driving_env.kernels.layout import ROUTE_DONE
 from perception.iou_counts import IoUCounts, iou_counts
 from perception.places import PLACES, Places, places_along, stretches
 
+from .count_files import OCCUPIED, load_counts, save_counts
+
 NATS = 10.0 ** np.linspace(-4.0, 4.0, 81)
 """Edges of the histogram of divergences."""
-OCCUPIED = 0.5
-"""Least probability of a pixel that counts as occupied, in the policy's BEV too."""
 
 
 @runtime_checkable
@@ -72,18 +70,13 @@ class OnlineMetrics:
 
     def save(self, path: Path) -> None:
         """Write to an ``.npz`` file, which appears when all is written."""
-        buffer = io.BytesIO()
-        np.savez_compressed(
-            buffer,
+        save_counts(
+            path,
+            self.counts,
+            self.places,
             route_m=self.route_m,
-            critical=self.places.critical,
-            turn=self.places.turn,
-            hits=self.counts.hits,
-            predicted=self.counts.predicted,
-            actual=self.counts.actual,
             divergence=self.divergence,
         )
-        write_bytes(path, buffer.getvalue())
 
     @classmethod
     def load(cls, path: Path) -> OnlineMetrics:
@@ -92,18 +85,8 @@ class OnlineMetrics:
         Raises:
             ValueError: The file holds something else.
         """
-        try:
-            with np.load(path) as kept:
-                counts = IoUCounts(
-                    np.full((len(CHANNELS), 1), OCCUPIED),
-                    kept["hits"],
-                    kept["predicted"],
-                    kept["actual"],
-                )
-                places = Places(kept["critical"], kept["turn"])
-                return cls(kept["route_m"], places, counts, kept["divergence"])
-        except (KeyError, OSError, ValueError) as error:
-            raise ValueError(f"{path} holds no online metrics: {error}") from error
+        counts, places, (route_m, divergence) = load_counts(path, "route_m", "divergence")
+        return cls(route_m, places, counts, divergence)
 
 
 def summary(metrics: OnlineMetrics) -> dict[str, Any]:

@@ -4,25 +4,15 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import os
-import shutil
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
-from agents import make_agent
-from agents.registry import FORMS, agent_source
-from bev_driving_env._version import __version__
 from bev_driving_env.command_line import UsageError
-from bev_driving_env.env import BEVTownEnv
 from bev_driving_env.files import write_bytes, write_json, write_text
-from bev_driving_env.provenance import file_hash, git_commit, provenance
-from bev_driving_env.sources.corrupted import CORRUPTIONS
-from bev_driving_env.sources.expressions import sources_of, with_errors
-from bev_driving_env.sources.registry import bev_source_names, source_file
-from bev_driving_env.towns.registry import town_files, town_name
+from bev_driving_env.sources.expressions import TRUTH
+from bev_driving_env.towns.registry import town_name
 from bev_driving_env.world.traffic import PRESETS
 
 from .dose_response import curves, dose_table, draw_curves
@@ -31,7 +21,9 @@ from .maps import draw_trajectories, png_bytes
 from .pool import Execute, in_processes
 from .ray_pool import check_ray, ray_cluster
 from .results import as_csv, as_json, score
-from .runner import claim_folder, run_jobs
+from .run_folder import footnote, open_run, used_hashes
+from .runner import run_jobs
+from .suite_options import SuiteOptions, add_suite_arguments, checked_specs, suite_values
 from .suites import SUITES, Suite, jobs_of
 from .tables import SEEN, appearance_table, leaderboard_table, seen_table, table
 
@@ -39,33 +31,20 @@ EXECUTORS = ("processes", "ray")
 
 
 @dataclass(frozen=True)
-class RunOptions:
+class RunOptions(SuiteOptions):
     """Options of ``bev-bench run``.
 
     Attributes:
-        suite: Name of the suite.
-        bev: BEV sources.
-        agent: Agents.
-        town: Towns.
-        seed: Seeds; each episode is driven once with each.
-        out: Output folder.
-        workers: Processes.
-        overwrite: Discard what the output folder holds.
         video: Whether to write a video of each episode.
         online: Whether to measure the policy's BEV at every step.
         traffic: Traffic instead of the suite's own; None for the suite's own.
         executor: What drives: ``"processes"`` of this machine, or a cluster of ``"ray"``.
         ray_address: Of the cluster; None for ``RAY_ADDRESS``, or else one that is started here.
+
+    Raises:
+        ValueError: A value is out of range, or Ray is not there.
     """
 
-    suite: str
-    bev: tuple[str, ...]
-    agent: tuple[str, ...]
-    town: tuple[str, ...]
-    seed: tuple[int, ...]
-    out: Path
-    workers: int
-    overwrite: bool
     video: bool
     online: bool = True
     traffic: str | None = None
@@ -73,13 +52,8 @@ class RunOptions:
     ray_address: str | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         SUITES[self.suite].with_traffic(self.traffic)
-        for value in self.town:
-            town_name(value)
-        if self.workers < 1:
-            raise ValueError(f"--workers must be at least 1, got {self.workers}")
-        if min(self.seed) < 0:
-            raise ValueError(f"--seed must be at least 0, got {min(self.seed)}")
         if self.ray_address is not None and self.executor != "ray":
             raise ValueError(f"--ray-address {self.ray_address} needs --executor ray")
         if self.executor == "ray":
@@ -92,15 +66,8 @@ class RunOptions:
 
     @property
     def identity(self) -> dict[str, Any]:
-        """The options that make two runs the same."""
-        return {
-            "suite": self.suite,
-            "traffic": self.driven_suite.conditions.traffic,
-            "bev": list(self.bev),
-            "agent": list(self.agent),
-            "town": list(self.town),
-            "seed": list(self.seed),
-        }
+        """The options that make two runs the same, JSON-ready."""
+        return {**super().identity, "traffic": self.driven_suite.conditions.traffic}
 
 
 def add_parser(verbs: Any) -> None:
@@ -115,34 +82,11 @@ def add_parser(verbs: Any) -> None:
         epilog=f"suites:\n{suites}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument("--suite", choices=tuple(SUITES), default="paper", help="default: paper")
-    parser.add_argument(
-        "--bev",
-        nargs="+",
-        default=["ground_truth"],
-        metavar="SOURCE",
-        help=f"BEV sources: {', '.join(bev_source_names())}, 'module:factory' or the path of a "
-        f"checkpoint; default: ground_truth",
-    )
-    parser.add_argument(
-        "--agent", nargs="+", default=["expert"], metavar="AGENT", help=f"{FORMS}; default: expert"
-    )
-    parser.add_argument(
-        "--town",
-        nargs="+",
-        default=["Town01", "Town02"],
-        metavar="TOWN",
-        help="towns, or 'module:name' of those that a module registers; default: both",
-    )
+    add_suite_arguments(parser, "expert", [TRUTH])
     parser.add_argument(
         "--traffic",
         choices=PRESETS,
         help="other road users, for suites that have some; default: the suite's own (light)",
-    )
-    parser.add_argument("--seed", nargs="+", type=int, default=[0], metavar="N", help="default: 0")
-    parser.add_argument("--out", type=Path, required=True, help="folder for the results")
-    parser.add_argument(
-        "--workers", type=int, default=os.cpu_count() or 1, help="processes; default: all cores"
     )
     parser.add_argument(
         "--executor",
@@ -155,9 +99,6 @@ def add_parser(verbs: Any) -> None:
         metavar="ADDRESS",
         help="of a running cluster, whose machines share the folder OUT; all its CPUs are used. "
         "Default: RAY_ADDRESS, or else a cluster of --workers CPUs on this machine",
-    )
-    parser.add_argument(
-        "--overwrite", action="store_true", help="discard what the folder already holds"
     )
     parser.add_argument(
         "--video", action="store_true", help="also write an MP4 of each episode to OUT/videos"
@@ -181,14 +122,7 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
     """
     try:
         options = RunOptions(
-            suite=namespace.suite,
-            bev=tuple(dict.fromkeys(namespace.bev)),
-            agent=tuple(dict.fromkeys(namespace.agent)),
-            town=tuple(dict.fromkeys(namespace.town)),
-            seed=tuple(dict.fromkeys(namespace.seed)),
-            out=namespace.out,
-            workers=namespace.workers,
-            overwrite=namespace.overwrite,
+            **suite_values(namespace),
             video=namespace.video,
             online=not namespace.no_online,
             traffic=namespace.traffic,
@@ -200,16 +134,11 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
         checked_specs(options.bev, options.agent, options.town[0], suite)
     except ValueError as error:
         raise UsageError(str(error)) from error
-    hashes = {
-        **agent_hashes(options.agent),
-        **source_hashes(options.bev),
-        **town_hashes(options.town),
-    }
-    note = provenance(argv, options.seed, hashes)
+    hashes = used_hashes(options.agent, options.bev, options.town)
     with _executor(options) as execute:
-        if options.overwrite:
-            discard_run(options.out)
-        claim_folder(options.out, run_identity(options.identity, hashes), note)
+        note = open_run(
+            options.out, argv, options.identity, hashes, options.seed, overwrite=options.overwrite
+        )
         results = run_jobs(
             jobs,
             options.out,
@@ -227,63 +156,6 @@ def _executor(options: RunOptions) -> contextlib.AbstractContextManager[Execute]
     if options.executor == "ray":
         return ray_cluster(options.ray_address, options.workers)
     return contextlib.nullcontext(in_processes)
-
-
-def agent_hashes(specs: Sequence[str]) -> dict[str, str]:
-    """Hash of the source file of each agent that is not built in, once it is loaded.
-
-    A run is not resumed with an agent whose file has changed.
-    """
-    sources = {spec: agent_source(spec) for spec in specs}
-    return {spec: file_hash(path) for spec, path in sources.items() if path is not None}
-
-
-def source_hashes(specs: Sequence[str]) -> dict[str, str]:
-    """Hash of the file that each BEV source which is not built in comes from."""
-    files = {name: source_file(name) for spec in specs for name in sources_of(spec)}
-    return {spec: file_hash(path) for spec, path in files.items() if path is not None}
-
-
-def town_hashes(specs: Sequence[str]) -> dict[str, str]:
-    """Hash of the module and the routes of each town that is not built in."""
-    files = [(spec, path) for spec in specs for path in town_files(spec)]
-    return {f"{spec} ({path.name})": file_hash(path) for spec, path in files}
-
-
-def checked_specs(bevs: Sequence[str], agents: Sequence[str], town: str, suite: Suite) -> None:
-    """See to it that sources and agents can be made, in one line, rather than in every episode.
-
-    It also compiles, before workers start.
-
-    Raises:
-        ValueError: One cannot.
-    """
-    for source in bevs:
-        # with the smallest dose of every error model, where there will be errors
-        doses = dict.fromkeys(CORRUPTIONS, min(suite.doses)) if suite.doses else {}
-        for spec in dict.fromkeys((source, with_errors(source, doses))):
-            env = BEVTownEnv(town, bev_source=spec, **suite.conditions.keywords)
-    for spec in agents:
-        make_agent(spec, env)
-
-
-def run_identity(options: Mapping[str, Any], hashes: Mapping[str, str]) -> dict[str, Any]:
-    """What makes two runs the same, so that one may resume the other."""
-    return {
-        **options,
-        "version": __version__,
-        "git_commit": git_commit(),
-        "hashes": dict(hashes),
-    }
-
-
-def discard_run(out: Path) -> None:
-    """Remove a run's own files from an output folder, and nothing else."""
-    if (out / "run.json").exists():
-        kept = ("episodes", "videos", "moments", "rescues", "cards", "open_loop", "drive_logs")
-        for name in kept:
-            shutil.rmtree(out / name, ignore_errors=True)
-        (out / "run.json").unlink()
 
 
 def _write(options: RunOptions, results: Sequence[EpisodeResult], note: dict[str, Any]) -> None:
@@ -313,14 +185,6 @@ def _table(suite: Suite, results: Sequence[EpisodeResult]) -> str:
     if suite.appearances:
         return appearance_table(scores)
     return leaderboard_table(scores) if suite.leaderboard else table(scores)
-
-
-def footnote(note: Mapping[str, Any]) -> str:
-    """Command, version, commit and date of a run in a line."""
-    commit = note["git_commit"]
-    where = f", commit {commit[:10]}{'+' if '+' in commit else ''}" if commit else ""
-    version = note["versions"]["bev-driving-env"] or __version__
-    return f"`{note['command']}`, version {version}{where}, {note['date_utc']}"
 
 
 def _report(options: RunOptions, results: Sequence[EpisodeResult]) -> int:

@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from agents.registry import SHIPPED
 from bev_driving_env.files import write_json
-from bev_driving_env.sources.expressions import sources_of
+from bev_driving_env.sources.expressions import TRUTH, sources_of
 from bev_driving_env.sources.registry import bev_source_names
 from bev_driving_env.towns.registry import compiled_town, route_book
 
@@ -38,7 +38,6 @@ class Keepsakes(NamedTuple):
 
 
 NOTHING = Keepsakes()
-TRUTH = "ground_truth"
 Task = tuple[Job, Keepsakes]
 
 
@@ -198,32 +197,3 @@ def read_result(folder: Path, job: Job) -> EpisodeResult | None:
     if result.job != job:
         raise OtherRunError(f"{path} holds the result of another job: {result.job}")
     return result
-
-
-def claim_folder(out: Path, identity: dict[str, Any], note: dict[str, Any]) -> None:
-    """Make an output folder this run's own, or find that it already is.
-
-    Args:
-        out: The folder; created if need be.
-        identity: What must be equal for kept episodes to belong to this run.
-        note: Further description, stored beside it.
-
-    Raises:
-        OtherRunError: The folder belongs to a run with another identity.
-    """
-    path = out / "run.json"
-    if path.exists():
-        try:
-            kept = dict(json.loads(path.read_text(encoding="utf-8"))["identity"])
-        except (KeyError, TypeError, ValueError) as error:
-            raise OtherRunError(f"{path} is not the file of a run: {error!r}") from error
-        for key in {**identity, **kept}:
-            if kept.get(key) != identity.get(key):
-                raise OtherRunError(
-                    f"{out} holds a run with {key} {kept.get(key)!r}, this one has "
-                    f"{identity.get(key)!r}: choose another --out, or add --overwrite"
-                )
-        return
-    if (out / "episodes").exists():
-        raise OtherRunError(f"{out} holds episodes but no run.json: choose another --out")
-    write_json(path, {"identity": identity, "provenance": note})

@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from bev_driving_env.checks import is_int, require_count
+from bev_driving_env.checks import require_count
 from bev_driving_env.command_line import UsageError
 from bev_driving_env.files import write_bytes, write_text
 from bev_driving_env.logs.errors import LogError
-from bev_driving_env.provenance import provenance
+from bev_driving_env.sources.expressions import TRUTH
 from bev_driving_env.sources.protocol import BEVSourceError
 
 from .drive import EpisodeResult
-from .run_command import (
-    agent_hashes,
-    checked_specs,
-    discard_run,
-    footnote,
-    run_identity,
-    source_hashes,
-)
-from .runner import claim_folder, run_jobs
+from .run_folder import footnote, open_run, used_hashes
+from .runner import run_jobs
 from .study.driving import study_routes, summed_up, variant_jobs
 from .study.figure import draw
 from .study.findings import Row, findings
@@ -33,7 +25,8 @@ from .study.frames import LOGS, Frames, collect_logs
 from .study.metrics import online_metrics, open_loop_metrics
 from .study.open_loop import measure_all
 from .study.text import as_csv, as_markdown
-from .study.variants import TRUTH, Variant, check_variant, chosen_variants
+from .study.variants import Variant, check_variant, chosen_variants
+from .suite_options import add_folder_arguments, checked_specs, distinct, require_seed
 from .suites import SUITES, Job
 
 TOWNS = ("Town01", "Town02")
@@ -61,8 +54,7 @@ class StudyOptions:
     def __post_init__(self) -> None:
         for name in ("routes", "samples", "workers"):
             require_count(f"--{name}", getattr(self, name))
-        if not (is_int(self.seed) and self.seed >= 0):
-            raise ValueError(f"--seed must be at least 0, got {self.seed}")
+        require_seed(self.seed)
 
 
 def add_parser(verbs: Any) -> None:
@@ -103,9 +95,7 @@ def add_parser(verbs: Any) -> None:
         help="frames of each town for open-loop metrics; default: 300",
     )
     add("--seed", type=int, default=0, metavar="N", help="default: 0")
-    add("--workers", type=int, default=os.cpu_count() or 1, help="processes; default: all cores")
-    add("--out", type=Path, required=True, help="folder for the results")
-    add("--overwrite", action="store_true", help="discard what the folder already holds")
+    add_folder_arguments(parser)
     parser.set_defaults(
         command=run,
         interrupted="; what is done is kept, the same command resumes (without --overwrite)",
@@ -124,12 +114,11 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
         routes = study_routes(TOWNS, options.routes)
     except ValueError as error:
         raise UsageError(str(error)) from error
-    if options.overwrite:
-        discard_run(options.out)
-    hashes = agent_hashes([options.agent])
-    hashes |= source_hashes([variant.spec for variant in variants])
-    note = provenance(argv, [options.seed], hashes)
-    claim_folder(options.out, run_identity(_identity(options, variants), hashes), note)
+    hashes = used_hashes([options.agent], [variant.spec for variant in variants])
+    identity = _identity(options, variants)
+    note = open_run(
+        options.out, argv, identity, hashes, [options.seed], overwrite=options.overwrite
+    )
     try:
         metrics = _open_loop(options, variants, note)
     except (BEVSourceError, LogError) as error:
@@ -147,8 +136,8 @@ def run(namespace: argparse.Namespace, argv: Sequence[str]) -> int:
 def _checked(namespace: argparse.Namespace) -> tuple[StudyOptions, list[Variant]]:
     options = StudyOptions(
         agent=namespace.agent,
-        variants=tuple(dict.fromkeys(namespace.variants)),
-        checkpoints=tuple(dict.fromkeys(namespace.checkpoints)),
+        variants=distinct(namespace.variants),
+        checkpoints=distinct(namespace.checkpoints),
         routes=namespace.routes,
         samples=namespace.samples,
         seed=namespace.seed,

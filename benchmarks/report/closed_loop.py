@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bev_driving_env.sources.expressions import TRUTH
+
 from ..drive import EpisodeResult
 from ..maps import png_bytes, trajectory_map
 from ..published import DRIVES
@@ -20,7 +22,6 @@ from .table import Cell, Column, Table, with_best
 
 PAPERS_ROUTES = "episode"
 """Routes of the paper's five episodes: only they compare with its figures."""
-TRUTH = "ground_truth"
 MAP_PX = 760
 """Width of a map: narrow, so that its marks can be seen on a phone."""
 

@@ -12,7 +12,7 @@ from typing import Any
 from bev_driving_env.files import write_json
 
 from ..pool import results_of
-from ..run_command import agent_hashes, source_hashes
+from ..run_folder import used_hashes
 from ..suites import Job
 from . import replay
 
@@ -94,7 +94,7 @@ def replayed(job: Job, folder: Path) -> tuple[str, Replay]:
 def _identity(job: Job) -> dict[str, Any]:
     """What a kept replay depends on beside its job."""
     return {
-        "hashes": {**agent_hashes([job.agent]), **source_hashes([job.bev])},
+        "hashes": used_hashes([job.agent], [job.bev]),
         "pictures": [
             replay.SECONDS,
             replay.EVERY_STEPS,

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bev_driving_env.sources.expressions import TRUTH
 from perception.evaluation import BANDS
 
 from ..online import Seen, pooled
 from .open_loop import OpenLoop
-from .variants import STATIC, TRUTH
+from .variants import STATIC
 
 OPEN_LOOP, ONLINE = "open loop", "online"
 NEAR, FAR = 0, len(BANDS) - 1

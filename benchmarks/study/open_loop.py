@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,14 +15,14 @@ from tqdm import tqdm
 
 from agents import Agent, make_agent
 from bev_driving_env.env import BEVTownEnv
-from bev_driving_env.files import write_bytes
 from bev_driving_env.sources.policy_view import PolicyView
 from perception.evaluation import BAND_EDGES_M
 from perception.iou_counts import IoUCounts, iou_counts, range_bands
 from perception.places import Places
 
+from ..count_files import OCCUPIED, load_counts, save_counts
 from ..errors import OtherRunError
-from ..online import OCCUPIED, Explaining
+from ..online import Explaining
 from ..pool import results_of
 from .frames import Frames, Sight
 from .variants import STATIC, Variant, remembered_frames
@@ -52,18 +51,13 @@ class OpenLoop:
 
     def save(self, path: Path) -> None:
         """Write to an ``.npz`` file, which appears when all is written."""
-        buffer = io.BytesIO()
-        np.savez_compressed(
-            buffer,
-            hits=self.counts.hits,
-            predicted=self.counts.predicted,
-            actual=self.counts.actual,
-            critical=self.places.critical,
-            turn=self.places.turn,
+        save_counts(
+            path,
+            self.counts,
+            self.places,
             divergence=self.divergence,
             action_gap=self.action_gap,
         )
-        write_bytes(path, buffer.getvalue())
 
     @classmethod
     def load(cls, path: Path) -> OpenLoop:
@@ -73,15 +67,10 @@ class OpenLoop:
             OtherRunError: The file holds something else.
         """
         try:
-            with np.load(path) as kept:
-                levels = np.full((len(STATIC), 1), OCCUPIED)
-                counts = IoUCounts(levels, kept["hits"], kept["predicted"], kept["actual"])
-                places = Places(kept["critical"], kept["turn"])
-                return cls(counts, places, kept["divergence"], kept["action_gap"])
-        except (KeyError, OSError, ValueError) as error:
-            raise OtherRunError(
-                f"{path} is not what a variant was measured to be ({error}): delete it"
-            ) from error
+            counts, places, more = load_counts(path, "divergence", "action_gap")
+        except ValueError as error:
+            raise OtherRunError(f"{error}; delete it") from error
+        return cls(counts, places, *more)
 
 
 def measure_all(

@@ -8,11 +8,16 @@ from fnmatch import fnmatchcase
 
 from bev_driving_env.frames import BEVGeometry
 from bev_driving_env.sources.corruptions import LATENCY_FRAMES
-from bev_driving_env.sources.expressions import corruption, is_corruption, is_mixture, mixture
+from bev_driving_env.sources.expressions import (
+    TRUTH,
+    corruption,
+    is_corruption,
+    is_mixture,
+    mixture,
+)
 from bev_driving_env.sources.policy_view import PolicyView
 from perception import SHIPPED
 
-TRUTH = "ground_truth"
 STATIC = ("road", "route", "lane")
 """Channels that show something in a suite without traffic."""
 

@@ -15,6 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 MIXED, CORRUPTED = "|", "~"
+TRUTH = "ground_truth"
 
 
 class Corruption(NamedTuple):
@@ -105,8 +106,8 @@ def with_truth(spec: str, channels: Iterable[str]) -> str:
     """
     parts = mixture(spec) if is_mixture(spec) else {"default": spec}
     default = parts.pop("default")
-    parts.update(dict.fromkeys(channels, "ground_truth"))
-    if not parts or spec == "ground_truth":
+    parts.update(dict.fromkeys(channels, TRUTH))
+    if not parts or spec == TRUTH:
         return spec
     return f"{default}{MIXED}{','.join(f'{name}={source}' for name, source in parts.items())}"
 

@@ -86,7 +86,7 @@ def test_metrics_survive_a_file(driven, tmp_path):
     assert summary(kept) == summary(metrics)
     np.testing.assert_array_equal(kept.route_m, metrics.route_m)
     (tmp_path / "moments.npz").write_bytes(b"nothing")
-    with pytest.raises(ValueError, match="holds no online metrics"):
+    with pytest.raises(ValueError, match="holds no such counts"):
         OnlineMetrics.load(tmp_path / "moments.npz")
 
 

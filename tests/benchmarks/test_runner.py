@@ -13,7 +13,6 @@ from benchmarks import runner
 from benchmarks.runner import (
     NOTHING,
     OtherRunError,
-    claim_folder,
     longest_first,
     read_result,
     run_jobs,
@@ -70,26 +69,6 @@ def test_a_result_of_another_job_under_the_same_name_is_refused(tmp_path):
     path.write_text(json.dumps(row), encoding="utf-8")
     with pytest.raises(OtherRunError, match="another job"):
         read_result(tmp_path / "episodes", result.job)
-
-
-def test_a_folder_of_the_same_run_is_resumed_and_one_of_another_refused(tmp_path):
-    claim_folder(tmp_path, {"suite": "paper", "seed": [0]}, {})
-    claim_folder(tmp_path, {"suite": "paper", "seed": [0]}, {})
-    with pytest.raises(OtherRunError, match=r"suite 'paper', this one has 'routes'"):
-        claim_folder(tmp_path, {"suite": "routes", "seed": [0]}, {})
-
-
-@pytest.mark.parametrize("content", ['{"identity": ', "[]", "{}"])
-def test_a_broken_run_file_is_named(tmp_path, content):
-    (tmp_path / "run.json").write_text(content, encoding="utf-8")
-    with pytest.raises(OtherRunError, match=r"run\.json is not the file of a run"):
-        claim_folder(tmp_path, {"suite": "paper"}, {})
-
-
-def test_episodes_of_unknown_origin_are_refused(tmp_path):
-    (tmp_path / "episodes").mkdir()
-    with pytest.raises(OtherRunError, match=r"no run\.json"):
-        claim_folder(tmp_path, {"suite": "paper"}, {})
 
 
 def test_jobs_that_differ_have_different_file_names():

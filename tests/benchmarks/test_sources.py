@@ -8,7 +8,6 @@ import pytest
 
 from benchmarks.cli import main
 from benchmarks.drive import drive
-from benchmarks.run_command import source_hashes
 from benchmarks.suites import Job
 
 SOURCES = """
@@ -163,9 +162,3 @@ def test_the_driver_is_shown_what_the_predictor_says_and_nothing_else(toys):
     assert drive(job).failure == ""
     truth = Job("Town02", "episode", 0, "ground_truth", "expert", 0, "test")
     assert drive(truth).clean
-
-
-def test_only_sources_with_a_file_have_hashes(toys):
-    hashes = source_hashes(["ground_truth", "toy_sources:Blank", "toy_sources:faulty"])
-    assert set(hashes) == {"toy_sources:Blank", "toy_sources:faulty"}
-    assert len(set(hashes.values())) == 1

@@ -112,5 +112,5 @@ def test_what_was_measured_is_kept_and_read_again(frames, tmp_path, monkeypatch)
 def test_a_damaged_file_is_named(tmp_path):
     path = tmp_path / "variant.npz"
     path.write_bytes(b"nothing")
-    with pytest.raises(OtherRunError, match=r"variant\.npz is not what"):
+    with pytest.raises(OtherRunError, match=r"variant\.npz holds no such counts.*delete it"):
         OpenLoop.load(path)
