@@ -87,6 +87,7 @@ def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
     first_process_does(lambda: _claim(options))
     if checkpoint.exists():
         trainer.restore(checkpoint)
+    resumed_at = trainer.step
     report = Report(options, argv, trainer, chief)
     with noted_interrupts() as interrupted, report:
         ends = options.ends()
@@ -104,7 +105,8 @@ def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
                 weigh = rare_action_weights if options.weighting == "kde" else None
                 samples = SampleSet(logs, "train", channels=depth, weigh=weigh)
                 _phase(options, trainer, report, (samples, validation, end), interrupted)
-        report.keep()
+        if trainer.step > resumed_at:  # or what knows a finished policy by its hash would not again
+            report.keep()
     if chief:
         print(
             f"{options.out / WEIGHTS}: validation NLL {trainer.best_value:.3f} after "

@@ -102,9 +102,10 @@ class Report(Progress):
         if not self._chief:
             return
         options, trainer = self._options, self._trainer
-        trainer.save(options.out / CHECKPOINT)
         write_text(options.out / METRICS, as_csv(trainer.rows))
         save_weights(trainer.best_policy(), options.out / WEIGHTS, self._card())
+        # last, so that with a checkpoint of the last step nothing else is missing
+        trainer.save(options.out / CHECKPOINT)
 
     def _card(self) -> dict[str, Any]:
         """What the weights file says about where it came from."""

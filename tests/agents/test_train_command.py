@@ -57,10 +57,11 @@ def test_the_weights_drive(trained):
     assert agent.act(observation) in env.action_space
 
 
-def test_the_same_command_again_adds_nothing(trained, log):
-    before = (trained / "metrics.csv").read_bytes()
+def test_a_finished_training_is_left_alone(trained, log):
+    files = [trained / name for name in ("policy.safetensors", "checkpoint.pt", "metrics.csv")]
+    before = [(file.read_bytes(), file.stat().st_mtime_ns) for file in files]
     assert main(["train", "--data", str(log), "--out", str(trained), *SHORT]) == 0
-    assert (trained / "metrics.csv").read_bytes() == before
+    assert [(file.read_bytes(), file.stat().st_mtime_ns) for file in files] == before
 
 
 @pytest.mark.parametrize(
