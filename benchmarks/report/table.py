@@ -99,14 +99,22 @@ def _written(value: float, form: str) -> str:
     return text.lstrip("-") if float(text) == 0.0 else text
 
 
-def with_best(cells: Sequence[Cell]) -> list[Cell]:
-    """Mark the largest of several figures, all of them if they are equal; none if one is alone."""
+def with_best(cells: Sequence[Cell], tie: float = 0.0) -> list[Cell]:
+    """Mark the largest of several figures, and those that equal it; none if one is alone.
+
+    Args:
+        cells: Figures; text and what is missing does not compete.
+        tie: Share of the largest that another may lack to equal it.
+    """
     known = [cell.value for cell in cells if isinstance(cell.value, float | int)]
     finite = [value for value in known if math.isfinite(value)]
     if len(finite) < 2:
         return list(cells)
-    top = max(finite)
-    return [replace(cell, best=cell.value == top) for cell in cells]
+    least = max(finite) - tie * abs(max(finite))
+    return [
+        replace(cell, best=isinstance(cell.value, float | int) and cell.value >= least)
+        for cell in cells
+    ]
 
 
 def as_html(table: Table) -> Markup:

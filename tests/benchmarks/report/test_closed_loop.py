@@ -69,6 +69,15 @@ def test_the_farthest_is_bold_and_the_truth_is_no_competitor(make_result):
     assert bold == ["ipm"]
 
 
+def test_those_that_reached_the_end_share_the_first_place(make_result):
+    results = [
+        make_result(bev=bev, driven_m=metres)
+        for bev, metres in (("cvt", 99.4), ("ipm", 98.6), ("unet", 98.2))
+    ]
+    bold = [row[0].value for row in route_table(results).rows if row[1].best]
+    assert [str(name).split()[0] for name in bold] == ["cvt", "ipm"]
+
+
 def test_a_source_that_was_not_driven_in_a_town_has_dashes_there(make_result):
     table = route_table([make_result(), make_result(bev="ipm", town="Town02")])
     assert cell(table, "ipm", "Town01", "Route (m)").text == "\u2013"
@@ -101,3 +110,18 @@ def test_each_town_has_a_map_with_all_drivers_in_its_legend(make_result):
     for figure in figures:
         assert "ground_truth" in figure.picture
         assert "ipm" in figure.picture
+
+
+def test_a_map_of_too_many_drivers_shows_those_without_error_models(make_result):
+    doses = [f"ipm~shift=0.{k}" for k in range(1, 10)]
+    few = [make_result(bev=bev) for bev in ("ipm", *doses)]
+    many = [*few, make_result(bev="ipm~shift=1")]
+    (figure,) = trajectory_figures(few, {})
+    assert "ipm~shift=0.3" in figure.picture
+    assert "left out" not in figure.caption
+    (figure,) = trajectory_figures(many, {})
+    assert "ipm~shift=0.3" not in figure.picture
+    assert "ipm" in figure.picture
+    assert "left out" in figure.caption
+    (figure,) = trajectory_figures([*many[1:], make_result(bev="ipm~shift=0.95")], {})
+    assert "ipm~shift=0.3" in figure.picture
