@@ -97,10 +97,16 @@ class Slow(Expert):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
-def test_a_killed_run_starts_again_where_it_was_and_leaves_no_workers(how, tmp_path):
+@pytest.mark.parametrize("executor", ["processes", "ray"])
+def test_a_killed_run_starts_again_where_it_was_and_leaves_no_workers(
+    executor, how, tmp_path, monkeypatch
+):
+    if executor == "ray":
+        pytest.importorskip("ray", reason="the executor ray needs the package ray (extra [ray])")
+        monkeypatch.delenv("RAY_ADDRESS", raising=False)
     (tmp_path / "toy_slow_driver.py").write_text(SLOW_DRIVER, encoding="utf-8")
     command = [sys.executable, "-m", "benchmarks.cli", "run", "--town", "Town02", "--workers", "2"]
-    command += ["--agent", "toy_slow_driver:Slow", "--out", "out"]
+    command += ["--executor", executor, "--agent", "toy_slow_driver:Slow", "--out", "out"]
     episodes = tmp_path / "out" / "episodes"
     process = subprocess.Popen(
         command, cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
