@@ -65,9 +65,8 @@ def add_parser(verbs: Any) -> None:
         description="Measure many variants of perception (true BEVs with errors, predictors, both "
         "mixed by channel) on fixed frames, let a policy drive on each, and correlate every metric "
         "with the driving. Writes study.csv, study.md and study.png; resumes.",
-        epilog="The default, 115 variants on 20 routes without traffic, takes two and a half to "
-        "three hours on two cores, by the seconds of single drives; time is in proportion to "
-        "variants and routes.",
+        epilog="The default, 115 variants on 20 routes without traffic, takes two "
+        "hours on two cores; time is in proportion to variants and routes.",
     )
     add = parser.add_argument
     add("--agent", default="bc", metavar="AGENT", help="who drives; default: bc")
