@@ -188,6 +188,29 @@ def test_there_is_something_to_run():
     assert len(COMMANDS) >= 5
 
 
+@pytest.mark.slow
+def test_a_failing_predictor_is_attributed_and_reported_as_the_readme_says(tmp_path):
+    lines = re.findall(r"^bev-bench (.*) --out runs/attribution$", README, flags=re.MULTILINE)
+    (attribute,) = (shlex.split(line) for line in lines)
+    (report,) = re.findall(r"^bev-bench (report .* --attribution .*)$", README, flags=re.MULTILINE)
+    program = [sys.executable, "-m", "benchmarks.cli"]
+    printed = run([*program, *attribute, "--out", "runs/attribution"], tmp_path)
+    assert "# When failed drives were lost" in printed
+    run([*program, "run", *attribute[1:], "--agent", "bc", "--out", "runs/demo"], tmp_path)
+    run([*program, *shlex.split(report), "--cards", "1"], tmp_path)
+    page = (tmp_path / "runs/demo/report.html").read_text(encoding="utf-8")
+    assert "Which channel cost the metres" in page
+
+
+@pytest.mark.slow
+def test_the_study_runs_as_the_readme_says_on_less(tmp_path):
+    (line,) = re.findall(r"^bev-bench (study .*)$", README, flags=re.MULTILINE)
+    less = ["--routes", "2", "--samples", "4", "--variants", "ground_truth~shift=*@route", "blind"]
+    printed = run([sys.executable, "-m", "benchmarks.cli", *shlex.split(line), *less], tmp_path)
+    assert "# Which metric foretells driving?" in printed
+    assert (tmp_path / "runs/study/study.png").exists()
+
+
 @pytest.mark.parametrize("target", sorted(set(TARGETS)))
 def test_every_make_target_of_the_readme_exists(target):
     assert re.search(rf"^{target}:", MAKEFILE, flags=re.MULTILINE)
