@@ -56,8 +56,9 @@ def route_table(results: Sequence[EpisodeResult]) -> Table:
     caption = (
         "Route metres driven, summed over the episodes of a town (mean over seeds), and episodes "
         "with an infraction. Clean: completed without one. With 95 % intervals: of metres over "
-        "routes and seeds (bootstrap), of clean shares in percent (Wilson). Bold: the farthest, "
-        "and those within 1 % of it, for an episode ends at 99 % of its route."
+        "routes and seeds (bootstrap of the share of planned metres), of clean shares in percent "
+        "(Wilson). Bold: the farthest, and those within 1 % of it, for an episode ends at 99 % of "
+        "its route."
     )
     if compared:
         caption += (
@@ -80,11 +81,12 @@ def _own_cells(entry: Score | None, drives: Sequence[EpisodeResult]) -> list[Cel
     if entry is None:
         return [Cell(None)] * 3
     weights = resampling_weights([drive.job.index for drive in drives])
-    ends = ratio_interval([drive.driven_m for drive in drives], [1.0] * len(drives), weights)
-    routes = entry.episodes / entry.seeds
+    # of the share of what was planned: how long the drawn routes are is no uncertainty
+    driven, planned = zip(*((drive.driven_m, drive.planned_m) for drive in drives), strict=True)
+    ends = ratio_interval(driven, planned, weights)
     low, high = share_interval(entry.clean, entry.episodes)
     return [
-        Cell(entry.route_m, "{:.0f}", (ends[0] * routes, ends[1] * routes)),
+        Cell(entry.route_m, "{:.0f}", (ends[0] * entry.planned_m, ends[1] * entry.planned_m)),
         Cell(f"{entry.infracted}/{entry.episodes}"),
         Cell(f"{entry.clean}/{entry.episodes}", "{:.0f}", (100.0 * low, 100.0 * high)),
     ]

@@ -47,6 +47,13 @@ def test_intervals_are_of_sums_over_a_towns_episodes(make_result):
     assert (low, high) == pytest.approx((300.0 - 124.0, 300.0 + 124.0), abs=20.0)
 
 
+def test_how_long_the_routes_are_is_no_uncertainty(make_result):
+    planned = [20.0, 100.0, 60.0, 400.0, 80.0]
+    drives = [make_result(index=k, driven_m=0.99 * m, planned_m=m) for k, m in enumerate(planned)]
+    interval = cell(route_table(drives), "ground_truth", "Town01", "Route (m)").interval
+    assert interval == pytest.approx((0.99 * 660.0, 0.99 * 660.0))
+
+
 def test_routes_that_the_paper_did_not_drive_have_no_figures_of_its(make_result):
     results = [make_result(bev="cvt_kde")]
     job = results[0].job
