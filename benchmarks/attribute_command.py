@@ -197,7 +197,7 @@ def _shares(found: Sequence[Attribution], channels: Sequence[str]) -> Iterator[t
         cost = [sum(row.cost_m[name] for row in rows) for name in channels]
         lost = sum(row.lost_m for row in rows)
         clean = sum(row.result.clean for row in rows)
-        cells = [f"{clean}/{len(rows)}", f"{lost:.0f}", *(f"{value:.0f}" for value in cost)]
+        cells = [f"{clean}/{len(rows)}", *(str(round(value)) for value in (lost, *cost))]
         yield (short_name(bev), agent, town, *cells)
 
 

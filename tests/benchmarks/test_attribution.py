@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from benchmarks.attribute_command import report
 from benchmarks.attribution import attribute, clean_metres, substituted, substitutions
 from benchmarks.cli import main
 from benchmarks.drive import EpisodeResult
@@ -73,3 +74,14 @@ def test_a_planted_fault_is_found_and_a_second_run_adds_nothing(tmp_path, capsys
     assert main(arguments) == 0
     assert capsys.readouterr().out == first
     assert {path: path.stat().st_mtime_ns for path in before} == before
+
+
+def test_less_than_half_a_metre_is_written_without_a_sign(make_result):
+    job = make_result(bev="cvt", driven_m=99.0).job
+    results = {}
+    for true in coalitions(CHANNELS):
+        each = substituted(job, CHANNELS, true)
+        row = make_result(driven_m=99.0 if len(true) < 3 else 98.8).as_dict()
+        results[each] = EpisodeResult.from_dict({**row, "job": each.as_dict()})
+    text = report([attribute(job, CHANNELS, results)], {}, CHANNELS)
+    assert "-0" not in text
