@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,5 +59,5 @@ def load_counts(path: Path, *names: str) -> tuple[IoUCounts, Places, list[NDArra
             counts = IoUCounts(levels, kept["hits"], kept["predicted"], kept["actual"])
             places = Places(kept["critical"], kept["turn"])
             return counts, places, [kept[name] for name in names]
-    except (EOFError, IndexError, KeyError, OSError, ValueError) as error:
+    except (BadZipFile, EOFError, IndexError, KeyError, OSError, ValueError) as error:
         raise ValueError(f"{path} holds no such counts: {error}") from error

@@ -42,16 +42,7 @@ MOST_LABELS = 12
 def draw_trajectories(
     town: str, results: Sequence[EpisodeResult], width_px: int = 1000
 ) -> NDArray[np.uint8]:
-    """Draw every driven trajectory of one town, above a legend; see :func:`trajectory_map`.
-
-    Args:
-        town: Name of the town.
-        results: Results; those of other towns are ignored.
-        width_px: Rough width of the image.
-
-    Returns:
-        RGB image (H, W, 3).
-    """
+    """The map of :func:`trajectory_map`, above a legend of drivers and marks."""
     image = trajectory_map(town, results, width_px)
     return np.vstack([image, _legend(image.shape[1], driver_colours(results))])
 

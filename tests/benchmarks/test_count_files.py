@@ -24,7 +24,7 @@ def test_counts_come_back_as_they_were(tmp_path):
         load_counts(tmp_path / "c.npz", "height")
 
 
-@pytest.mark.parametrize("content", [b"", b"no archive"])
+@pytest.mark.parametrize("content", [b"", b"no archive", b"PK\x03\x04 half of one"])
 def test_another_file_is_named(tmp_path, content):
     (tmp_path / "c.npz").write_bytes(content)
     with pytest.raises(ValueError, match=r"c\.npz holds no such counts"):
