@@ -14,6 +14,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from bev_driving_env.render import Colour, TownMap, write
+from bev_driving_env.sources.expressions import is_corruption
 from bev_driving_env.towns.registry import compiled_town
 
 from .drive import EpisodeResult
@@ -51,6 +52,16 @@ def driver_colours(results: Sequence[EpisodeResult]) -> dict[tuple[str, str], Co
     """A colour for each BEV source and agent, in order of appearance."""
     drivers = dict.fromkeys((row.job.bev, row.job.agent) for row in results)
     return {driver: PALETTE[k % len(PALETTE)] for k, driver in enumerate(drivers)}
+
+
+def told_apart(results: Sequence[EpisodeResult]) -> Sequence[EpisodeResult]:
+    """The drives that one map can show: all, unless there are more drivers than colours.
+
+    Then those behind error models are left out, if that leaves any.
+    """
+    if len(driver_colours(results)) <= len(PALETTE):
+        return results
+    return [result for result in results if not is_corruption(result.job.bev)] or results
 
 
 def trajectory_map(

@@ -17,7 +17,7 @@ from bev_driving_env.world.traffic import PRESETS
 
 from .dose_response import curves, dose_table, draw_curves
 from .drive import EpisodeResult
-from .maps import draw_trajectories, png_bytes
+from .maps import draw_trajectories, png_bytes, told_apart
 from .pool import Execute, in_processes
 from .ray_pool import check_ray, ray_cluster
 from .results import as_csv, as_json, score
@@ -170,9 +170,8 @@ def _write(options: RunOptions, results: Sequence[EpisodeResult], note: dict[str
     write_text(options.out / "table.md", "\n".join(lines))
     if suite.doses:
         write_bytes(options.out / "dose_response.png", draw_curves(curves(results), note))
+    shown = told_apart(results)
     for town in options.town:
-        # trajectories of sixty drivers hide each other: of those as they are
-        shown = [result for result in results if result.job.bev in options.bev]
         image = draw_trajectories(town, shown)
         write_bytes(options.out / f"map_{town_name(town)}.png", png_bytes(image, note))
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bev_driving_env.sources.expressions import TRUTH, is_corruption
+from bev_driving_env.sources.expressions import TRUTH
 
 from ..drive import EpisodeResult
-from ..maps import PALETTE, png_bytes, trajectory_map
+from ..maps import png_bytes, told_apart, trajectory_map
 from ..published import DRIVES
 from ..results import Score, score
 from ..tables import LEADERBOARD_HEADER, leaderboard_rows
@@ -147,7 +147,7 @@ def _episode(result: EpisodeResult) -> str:
 def trajectory_figures(results: Sequence[EpisodeResult], note: Mapping[str, Any]) -> list[Figure]:
     """The paper's figure: all trajectories over the map of each town."""
     made = []
-    shown = _told_apart(results)
+    shown = told_apart(results)
     legend = driver_legend(by_driver(shown))
     less = "" if len(shown) == len(results) else " Drives behind error models are left out."
     for town in towns_of(results):
@@ -163,10 +163,3 @@ def trajectory_figures(results: Sequence[EpisodeResult], note: Mapping[str, Any]
         )
         made.append(Figure(element("div", image, legend), caption, f"map_{town}.png"))
     return made
-
-
-def _told_apart(results: Sequence[EpisodeResult]) -> Sequence[EpisodeResult]:
-    """All drives, or those on sources as they are if there are more drivers than colours."""
-    if len(by_driver(results)) <= len(PALETTE):
-        return results
-    return [result for result in results if not is_corruption(result.job.bev)] or results
