@@ -1,21 +1,21 @@
 """Writes the model cards of the shipped predictors, from their weights and from evaluations.
 
-    python recipes/model_cards.py runs/eval_test/evaluation.json runs/eval_hard/evaluation.json
+    python recipes/model_cards.py runs/eval_*/evaluation.json
 
-The evaluations are those of ``bev-perception evaluate --bev cvt_kde cvt ... --data ...``.
+The evaluations are those of ``recipes/evaluate.sh``.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePath
 from typing import Any
 
+from evaluations import FIGURES, Row, iou_text, read_rows
+
 import perception
 from bev_driving_env.files import write_text
-from bev_driving_env.frames import CHANNELS
 from bev_driving_env.markdown import markdown
 from perception.shipped import shipped_path
 from perception.starting import predecessors
@@ -41,8 +41,8 @@ ABOUT = {
 }
 
 
-def card_text(name: str, evaluations: Sequence[Mapping[str, Any]]) -> str:
-    """The model card of a shipped predictor as Markdown."""
+def card_text(name: str, measured: Sequence[Row]) -> str:
+    """The model card of a shipped predictor as Markdown, with the rows of its evaluations."""
     path = shipped_path(name)
     card, predictor = predictor_card(path), load_predictor(path)
     parameters = sum(each.numel() for each in predictor.model.parameters())
@@ -71,8 +71,8 @@ def card_text(name: str, evaluations: Sequence[Mapping[str, Any]]) -> str:
             f"{start['samples']:,} frames"
         )
         rows.insert(1 + k, ["which started from" if k else "Started from", told])
-    measured = [row for found in evaluations for row in _measured(name, found)]
-    header = ["Frames of", "Looks", *CHANNELS, "route, turns", "turn frames under 0.5"]
+    mine = [row for row in measured if (row.source, row.leaks) == (name, False)]
+    header = ["Frames of", "Looks", *FIGURES]
     return (
         f"# Model card: `{name}`\n\n{ABOUT[name][0].upper()}{ABOUT[name][1:]}. Trained on drives "
         "of the privileged expert in **Town01 only**.\n\n"
@@ -81,30 +81,13 @@ def card_text(name: str, evaluations: Sequence[Mapping[str, Any]]) -> str:
         "was trained, no threshold tuned and no checkpoint chosen on Town02 or on the looks `test` "
         "and `hard`; that looks are randomised in training was decided on seeing how much "
         "predictors lost from one look to another there.\n\n"
-        f"{markdown(header, measured, text_columns=2)}\n"
+        f"{markdown(header, list(map(_cells, mine)), text_columns=2)}\n"
     )
 
 
-def _measured(name: str, evaluation: Mapping[str, Any]) -> list[list[str]]:
-    """Rows of the table, one a log that the predictor was evaluated on."""
-    rows = []
-    for found in evaluation["results"]:
-        if (found["source"], found["change"]) != (name, "none"):
-            continue
-        place = ("log", "source", "change", "appearance")
-        iou = {
-            row["channel"]: row["iou"]
-            for row in evaluation["iou"]
-            if all(row[key] == found[key] for key in place)
-            and (row["place"], row["band"]) == ("all", "all")
-        }
-        turns = found["turns"] or {"iou": None, "under_50": None}
-        cells = [_cell(iou.get(channel)) for channel in CHANNELS]
-        share = "-" if turns["under_50"] is None else f"{100.0 * turns['under_50']:.1f} %"
-        split = "" if found["split"] == "all" else f", split {found['split']}"
-        label = f"{_folder(found['log'])}{split}"
-        rows.append([label, found["appearance"], *cells, _cell(turns["iou"]), share])
-    return rows
+def _cells(row: Row) -> list[str]:
+    split = "" if row.split == "all" else f", split {row.split}"
+    return [f"`{row.log}`{split}", row.appearance, *row.figures]
 
 
 def _weighting(card: Mapping[str, Any]) -> str:
@@ -126,22 +109,17 @@ def _by_channel(channels: Sequence[str], values: Sequence[float], form: str) -> 
 
 
 def _named(iou: Mapping[str, float | None]) -> str:
-    return ", ".join(f"{channel} {_cell(value)}" for channel, value in iou.items())
-
-
-def _cell(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3f}"
+    return ", ".join(f"{channel} {iou_text(value)}" for channel, value in iou.items())
 
 
 def main() -> None:
     """Write one card a predictor."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("evaluations", nargs="+", type=Path, metavar="evaluation.json")
-    files = parser.parse_args().evaluations
-    evaluations = [json.loads(file.read_text(encoding="utf-8")) for file in files]
+    measured = read_rows(parser.parse_args().evaluations)
     for name in perception.SHIPPED:
         path = shipped_path(name).with_suffix(".md")
-        write_text(path, card_text(name, evaluations))
+        write_text(path, card_text(name, measured))
         print(path)
 
 
