@@ -16,8 +16,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from bev_driving_env.logs.errors import LogError
 from bev_driving_env.logs.order import batch_numbers
+from bev_driving_env.logs.split_samples import Recorded, SplitSamples
 from bev_driving_env.training.kde import kde_weights
 
 AHEAD = 4
@@ -26,7 +26,7 @@ LARGEST_WEIGHT = 8.0
 """In means: a few lonely samples must not rule the gradient."""
 
 
-class Demonstrations(Protocol):
+class Demonstrations(Recorded, Protocol):
     """What is asked of a drive log: observations by index, and the actions of them all."""
 
     def bev(self, index: int) -> NDArray[np.uint8]:
@@ -34,12 +34,6 @@ class Demonstrations(Protocol):
 
     def measurements(self, index: int) -> NDArray[np.float32]:
         """Speed and previous commands (3,) of a sample."""
-
-    def actions(self) -> NDArray[np.float32]:
-        """The expert's action (n, 2) in every sample."""
-
-    def indices(self, split: str = "all") -> NDArray[np.int64]:
-        """Samples (m,) of a split."""
 
 
 class Batch(NamedTuple):
@@ -104,30 +98,21 @@ class SampleSet:
         channels: int = 6,
         weigh: Callable[[NDArray[np.float32]], NDArray[np.float64]] | None = None,
     ) -> None:
-        self._logs = tuple(logs)
+        self._samples = SplitSamples(logs, split)
         self._channels = channels
-        chosen = [log.indices(split) for log in self._logs]
-        self._indices = np.concatenate([np.zeros(0, np.int64), *chosen])
-        self._log_of = np.repeat(np.arange(len(chosen)), [len(indices) for indices in chosen])
-        if not len(self._indices):
-            raise LogError(
-                f"the data holds no sample of split {split!r}: collect more with bev-agents "
-                "collect (route 0 is for validation, the others for training)"
-            )
-        actions = [log.actions()[kept] for log, kept in zip(self._logs, chosen, strict=True)]
-        self.actions: NDArray[np.float32] = np.concatenate(actions)
+        self.actions = self._samples.actions()
         self.weights = np.ones(len(self), np.float32)
         if weigh is not None:
             self.weights = _normalised(weigh(self.actions), len(self))
 
     def __len__(self) -> int:
-        return len(self._indices)
+        return len(self._samples)
 
     def batch(self, numbers: NDArray[np.int64]) -> Batch:
         """Render samples of the set, given their numbers (N,) in it."""
         bevs, measured = [], []
         for number in numbers:
-            log, index = self._logs[self._log_of[number]], int(self._indices[number])
+            log, index = self._samples.locate(number)
             bevs.append(log.bev(index)[: self._channels])
             measured.append(log.measurements(index))
         return Batch(

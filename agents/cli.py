@@ -6,39 +6,22 @@ import argparse
 import sys
 from collections.abc import Sequence
 
-from bev_driving_env.command_line import OneLineParser, run_verb
-from bev_driving_env.logs.errors import LogError
+from bev_driving_env.command_line import run_verb, verbs_parser
 
 from . import collect_command, export_command, info_command, ppo_command, train_command
+
+COMMANDS = (collect_command, info_command, export_command, train_command, ppo_command)
 
 
 def build_parser() -> argparse.ArgumentParser:
     """The parser with one verb per command."""
-    parser = OneLineParser(
-        prog="bev-agents", description="Demonstrations of driving, and drivers made from them."
-    )
-    verbs = parser.add_subparsers(dest="verb", required=True, metavar="COMMAND")
-    collect_command.add_parser(verbs)
-    info_command.add_parser(verbs)
-    export_command.add_parser(verbs)
-    train_command.add_parser(verbs)
-    ppo_command.add_parser(verbs)
-    return parser
+    about = "Demonstrations of driving, and drivers made from them."
+    return verbs_parser("bev-agents", about, COMMANDS)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line.
-
-    Args:
-        argv: Arguments without the program's name; those of the process if None.
-
-    Returns:
-        Exit status: 0 done, 2 a mistake in the arguments or a log that cannot be read,
-        130 after Ctrl-C,
-        143 after SIGTERM.
-    """
-    arguments = list(sys.argv[1:] if argv is None else argv)
-    return run_verb(build_parser(), arguments, (LogError,))
+    """Run the command line; see :func:`bev_driving_env.command_line.run_verb`."""
+    return run_verb(build_parser(), argv)
 
 
 if __name__ == "__main__":

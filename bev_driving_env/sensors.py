@@ -12,7 +12,7 @@ from .bev import bev_window
 from .cameras.renderer import CameraRenderer, CameraSettings
 from .kernels.jit import announce_compilation
 from .kernels.layout import SPEED
-from .kernels.route_map import render_route_maps
+from .route_maps import route_maps
 from .sources.protocol import SensorFrame
 from .world.core import World
 
@@ -56,21 +56,7 @@ class Sensors:
 
     def route_maps(self, selected: NDArray[np.bool_]) -> NDArray[np.uint8]:
         """Route maps (N, size, size) uint8, newly made; those of other worlds are undefined."""
-        size, state = self.world.config.bev.size, self.world.state
-        maps = np.empty((len(self.world), size, size), np.uint8)
-        render_route_maps(
-            self._window,
-            selected,
-            state.ego,
-            state.progress,
-            state.plan_points,
-            state.plan_size,
-            state.episode_seed,
-            state.steps,
-            True,
-            maps,
-        )
-        return maps
+        return route_maps(self._window, self.world.state, selected)
 
     def measurements(self) -> NDArray[np.float32]:
         """Speed and last commands (N, 3) float32 of all worlds, newly made."""

@@ -22,7 +22,7 @@ from bev_driving_env.cameras.renderer import CameraSettings
 from bev_driving_env.cameras.rig import CameraRig
 from bev_driving_env.frames import BEVGeometry
 from bev_driving_env.logs.drive_log import DriveLog
-from bev_driving_env.logs.errors import LogError
+from bev_driving_env.logs.split_samples import SplitSamples
 from bev_driving_env.sources.protocol import SensorFrame
 
 from .inputs import Arrays, FrameInputs, mirror_order, mirrored
@@ -96,24 +96,16 @@ class BEVSamples(Dataset[Sample]):
     ) -> None:
         if looks not in LOOKS:
             raise ValueError(f"looks must be one of {', '.join(LOOKS)}, got {looks!r}")
-        self.logs = tuple(logs)
-        chosen = [log.indices(split) for log in self.logs]
-        self._indices = np.concatenate([np.zeros(0, np.int64), *chosen])
-        self._log_of = np.repeat(np.arange(len(chosen)), [len(indices) for indices in chosen])
-        if not len(self._indices):
-            raise LogError(
-                f"the data holds no sample of split {split!r}: collect more with bev-agents "
-                "collect (route 0 is for validation, the others for training)"
-            )
+        self._samples = SplitSamples(logs, split)
         self._looks = looks
-        self._settings = [self._settings_of(log, rig) for log in self.logs]
+        self._settings = [self._settings_of(log, rig) for log in logs]
         held_out = [s.appearance for s in self._settings if s.set_name in HELD_OUT]
         if split == "train" and held_out:
             raise ValueError(
                 f"a log has the appearance {held_out[0]!r}, which is kept for testing: train on it "
                 'with looks="random"'
             )
-        geometries = {log.geometry for log in self.logs}
+        geometries = {log.geometry for log in logs}
         if len(geometries) > 1:
             raise ValueError("all logs must be opened with the same BEV geometry")
         self._inputs = FrameInputs(needs, geometries.pop())
@@ -128,7 +120,7 @@ class BEVSamples(Dataset[Sample]):
         )
 
     def __len__(self) -> int:
-        return len(self._indices)
+        return len(self._samples)
 
     @property
     def needs(self) -> frozenset[str]:
@@ -142,17 +134,16 @@ class BEVSamples(Dataset[Sample]):
 
     def locate(self, number: int) -> tuple[DriveLog, int]:
         """Log and index in it of a sample."""
-        return self.logs[self._log_of[number]], int(self._indices[number])
+        return self._samples.locate(number)
 
     def actions(self) -> NDArray[np.float32]:
         """The expert's action (n, 2) in every sample."""
-        parts = [log.actions(self._indices[self._log_of == k]) for k, log in enumerate(self.logs)]
-        return np.concatenate(parts)
+        return self._samples.actions()
 
     def __getitem__(self, key: SampleKey | tuple[int, int, bool]) -> Sample:
         number, look_seed, flip = key
         log, index = self.locate(number)
-        settings = self._settings[self._log_of[number]]
+        settings = self._settings[self._samples.log_number(number)]
         look = None
         if self._looks != "log":
             draw = DRAWN[self._looks]
@@ -160,7 +151,7 @@ class BEVSamples(Dataset[Sample]):
         inputs = self._inputs(self._frame(log, index, settings, look))
         bev = log.bev(index)
         if flip:
-            inputs, bev = mirrored(inputs, bev, self._orders[self._log_of[number]])
+            inputs, bev = mirrored(inputs, bev, self._orders[self._samples.log_number(number)])
         return Sample(number, inputs, packed(bev))
 
     def _frame(

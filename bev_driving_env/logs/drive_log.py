@@ -19,7 +19,7 @@ from ..checks import is_int, require_count
 from ..frames import CHANNELS, BEVGeometry
 from ..kernels.jit import announce_compilation, drop_stale_caches
 from ..kernels.layout import SPEED
-from ..kernels.route_map import render_route_maps
+from ..route_maps import route_maps
 from ..sources.protocol import SensorFrame
 from ..towns.compiled import CompiledTown
 from ..towns.registry import compiled_town
@@ -160,21 +160,7 @@ class DriveLog:
 
     def route_map(self, index: int) -> NDArray[np.uint8]:
         """The sparse plan (size, size) uint8, as a navigation system with GPS shows it."""
-        state, size = self._at(index), self.geometry.size
-        maps = np.empty((1, size, size), np.uint8)
-        render_route_maps(
-            bev_window(self.geometry),
-            _SELECTED,
-            state.ego,
-            state.progress,
-            state.plan_points,
-            state.plan_size,
-            state.episode_seed,
-            state.steps,
-            True,
-            maps,
-        )
-        return maps[0]
+        return route_maps(bev_window(self.geometry), self._at(index), _SELECTED)[0]
 
     @functools.cached_property
     def camera_settings(self) -> CameraSettings:

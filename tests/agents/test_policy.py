@@ -14,13 +14,7 @@ from agents.distribution import BetaDistribution
 from agents.policy import BetaPolicy
 from agents.registry import agent_source
 
-
-@pytest.fixture(scope="module", autouse=True)
-def one_thread():
-    before = torch.get_num_threads()
-    torch.set_num_threads(1)
-    yield
-    torch.set_num_threads(before)
+pytestmark = pytest.mark.usefixtures("one_thread")
 
 
 @pytest.fixture(scope="module")

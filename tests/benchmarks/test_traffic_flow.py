@@ -13,6 +13,8 @@ from benchmarks.traffic_flow import TrafficFlow, measure_flow
 from bev_driving_env.frames import footprint
 from bev_driving_env.kernels.contacts import count_contacts
 
+from ..polygons import overlap
+
 MOST_S = 180.0
 
 
@@ -42,18 +44,6 @@ def test_no_traffic_has_nothing_to_report():
     flow = measure_flow("Town02", "none", lights=False, seed=0, minutes=0.1)
     assert flow.contacts == flow.vehicles == flow.pedestrians == 0
     assert flow.longest_stand_s == flow.mean_speed_mps == 0.0
-
-
-def overlap(one, other):
-    """Whether two convex polygons (4, 2) overlap, by separating axes."""
-    for corners in (one, other):
-        edges = np.roll(corners, -1, axis=0) - corners
-        for x, y in edges:
-            axis = np.array([-y, x])
-            a, b = one @ axis, other @ axis
-            if a.max() < b.min() or b.max() < a.min():
-                return False
-    return True
 
 
 def test_contacts_are_the_pairs_whose_polygons_overlap():

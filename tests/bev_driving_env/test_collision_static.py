@@ -9,6 +9,8 @@ from bev_driving_env.frames import footprint
 from bev_driving_env.towns.furniture import CAR, LAMP, PILLAR, TREE
 from bev_driving_env.towns.registry import compiled_town
 
+from ..polygons import overlap
+
 LENGTH, WIDTH = 5.0, 2.0
 SPEED = 5.0
 
@@ -26,18 +28,6 @@ def env():
 @pytest.fixture(scope="module")
 def hard():
     return make(appearance="hard")
-
-
-def overlap(one, other):
-    """Whether two convex polygons (4, 2) overlap, by separating axes."""
-    for corners in (one, other):
-        edges = np.roll(corners, -1, axis=0) - corners
-        for x, y in edges:
-            axis = np.array([-y, x])
-            a, b = one @ axis, other @ axis
-            if a.max() < b.min() or b.max() < a.min():
-                return False
-    return True
 
 
 def hit_along(boxes, start, metres):

@@ -5,14 +5,19 @@ import signal
 
 import pytest
 
-from bev_driving_env.command_line import OneLineParser, UsageError, run_verb
+from bev_driving_env.command_line import UsageError, run_verb, verbs_parser
+from bev_driving_env.logs.errors import LogError
 
 
 def status_of(command) -> int:
     """Exit status of a program whose only verb does this."""
-    parser = OneLineParser(prog="toy")
-    verb = parser.add_subparsers(dest="verb").add_parser("work")
-    verb.set_defaults(command=command, interrupted="; all is kept")
+
+    class Work:
+        @staticmethod
+        def add_parser(verbs):
+            verbs.add_parser("work").set_defaults(command=command, interrupted="; all is kept")
+
+    parser = verbs_parser("toy", "A toy.", [Work])
     before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     # who runs the tests in the background may have Ctrl-C ignored
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -38,9 +43,10 @@ def test_ctrl_c_and_a_polite_kill_end_in_order_each_with_its_status(number, stat
     assert capsys.readouterr().err.strip() == "toy work: interrupted; all is kept"
 
 
-def test_a_mistake_is_told_in_one_line(capsys):
+@pytest.mark.parametrize("kind", [UsageError, OSError, LogError])
+def test_a_mistake_is_told_in_one_line(kind, capsys):
     def command(options, arguments):
-        raise UsageError("no such road")
+        raise kind("no such road")
 
     assert status_of(command) == 2
     assert capsys.readouterr().err == "toy work: no such road\n"
