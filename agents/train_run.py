@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import functools
 import threading
-import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,7 +16,8 @@ from bev_driving_env.training.command import run_in_processes
 from bev_driving_env.training.device import usable_device
 from bev_driving_env.training.folder import claim_folder, discard_training, holds_training
 from bev_driving_env.training.interrupts import noted_interrupts
-from bev_driving_env.training.processes import any_process, first_process_does
+from bev_driving_env.training.kept_steps import kept_steps
+from bev_driving_env.training.processes import first_process_does
 from bev_driving_env.training.progress import events_writer
 
 from .batches import SampleSet, rare_action_weights
@@ -124,17 +124,11 @@ def _phase(
     """Train on one set of samples up to a step."""
     samples, validation, end = work
     last = options.training.steps
-    kept = time.monotonic()
-    for measured in trainer.train(samples, end):
+    steps = trainer.train(samples, end)
+    for measured in kept_steps(steps, report.keep, interrupted, options.checkpoint_s):
         report.advance(measured.loss)
         if trainer.step % options.training.validate_every == 0 or trainer.step == last:
             report.validated(measured, trainer.validate(validation))
-        if any_process(interrupted.is_set()):
-            report.keep()
-            raise KeyboardInterrupt
-        if time.monotonic() - kept > options.checkpoint_s:
-            report.keep()
-            kept = time.monotonic()
         if _stopped_early(options, trainer):
             return
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import threading
-import time
 from collections.abc import Mapping, Sequence
 
 from bev_driving_env.cameras.rig import CameraRig
@@ -14,7 +12,8 @@ from bev_driving_env.training.command import run_in_processes
 from bev_driving_env.training.device import usable_device
 from bev_driving_env.training.folder import claim_folder, discard_training
 from bev_driving_env.training.interrupts import noted_interrupts
-from bev_driving_env.training.processes import any_process, first_process_does
+from bev_driving_env.training.kept_steps import kept_steps
+from bev_driving_env.training.processes import first_process_does
 from bev_driving_env.training.progress import events_writer
 
 from .models.presets import model_spec
@@ -97,28 +96,17 @@ def _train(options: TrainOptions, argv: Sequence[str], *, chief: bool) -> None:
     origin = None if start is None else {"sha256": start.digest, **start.card}
     report = Report(options, argv, trainer, chief, len(samples), effective, origin)
     with noted_interrupts() as interrupted, report:
-        kept = time.monotonic()
         steps = () if done else trainer.train(samples, weights, until=last, workers=options.workers)
-        for measured in steps:
+        for measured in kept_steps(steps, report.keep, interrupted, options.checkpoint_s):
             report.advance(measured.loss)
             if trainer.step % config.validate_every == 0 or trainer.step == config.steps:
                 report.validated(measured, trainer.validate(validation))
-            _stop_if(interrupted, report)
-            if time.monotonic() - kept > options.checkpoint_s:
-                report.keep()
-                kept = time.monotonic()
             if trainer.exhausted:
                 break
         if not done:  # or others that started from this predictor would not know it again
             report.keep()
     if chief:
         print(report.summary())
-
-
-def _stop_if(interrupted: threading.Event, report: Report) -> None:
-    if any_process(interrupted.is_set()):
-        report.keep()
-        raise KeyboardInterrupt
 
 
 def _effective_line(weighting: str, count: int, effective: Mapping[str, float]) -> str:
