@@ -13,7 +13,10 @@ from torch import Tensor
 from .models.presets import ModelSpec
 from .weights import load_predictor
 
-CARD = ("command", "git_commit", "seeds", "data", "samples", "weighting", "started_from")
+CARD = (
+    *("command", "git_commit", "seeds", "data", "first_frame", "samples", "weighting"),
+    "started_from",
+)
 """What the card of the new predictor repeats of the old one's, and so on to the first one's."""
 
 
@@ -30,6 +33,12 @@ class Start:
     weights: Mapping[str, Tensor]
     digest: str
     card: Mapping[str, Any]
+
+    @property
+    def frames(self) -> int:
+        """Frames that it and those before it have learned from."""
+        told = (self.card, *predecessors(self.card))
+        return sum(int(each.get("samples", 0)) for each in told)
 
 
 def start_from(path: str | Path, spec: ModelSpec) -> Start:
@@ -70,6 +79,32 @@ def predecessors(card: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
     while start is not None:
         yield start
         start = start.get("started_from")
+
+
+def distinct_frames(card: Mapping[str, Any]) -> int:
+    """How many different frames a predictor and those that it goes on from have learned from.
+
+    Trainings on the same data with the same seed go through one and the same sequence of frames;
+    before cards told the ``"first_frame"``, all of them from its beginning.
+
+    >>> first = {"data": ["a"], "seeds": [0], "samples": 80}
+    >>> distinct_frames({**first, "samples": 100, "started_from": first})
+    100
+    >>> distinct_frames({**first, "first_frame": 80, "samples": 100, "started_from": first})
+    180
+    """
+    spans: dict[tuple[str, ...], list[tuple[int, int]]] = {}
+    for each in (card, *predecessors(card)):
+        names = (*map(str, each["data"]), *map(str, each["seeds"]))
+        first = int(each.get("first_frame", 0))
+        spans.setdefault(names, []).append((first, first + int(each["samples"])))
+    count = 0
+    for sequence in spans.values():
+        seen = 0
+        for first, end in sorted(sequence):
+            count += max(0, end - max(first, seen))
+            seen = max(seen, end)
+    return count
 
 
 def output_layers(spec: ModelSpec) -> set[str]:

@@ -101,6 +101,8 @@ class Trainer(Optimisation):
         config: See above, with the precision that it came to.
         spec: See above.
         pace: Of this session, without its first step, which starts workers and compiles.
+        batches_before: Batches of the sequence that are left out, because the predictor that it
+            starts from has learned from as many frames.
 
     Raises:
         TrainingError: The batch cannot be shared evenly by the processes.
@@ -127,6 +129,8 @@ class Trainer(Optimisation):
         module = spec.build()
         if start is not None:
             module.load_state_dict(start.weights, strict=False)
+        # with the same seed the same frames would come again
+        self.batches_before = 0 if start is None else -(-start.frames // config.batch_size)
         super().__init__(module.to(device), self.config, identity, device)
         self._planes = [CHANNELS.index(name) for name in spec.config.channels]
 
@@ -147,7 +151,8 @@ class Trainer(Optimisation):
             workers: Processes that render; 0 renders in this one.
         """
         config = self.config
-        span = (self.step, config.steps if until is None else until)
+        end, before = config.steps if until is None else until, self.batches_before
+        span = (before + self.step, before + end)
         plan = BatchPlan(
             len(samples), config.batch_size, config.seed, span, config.flips, self.rank, self.ranks
         )

@@ -164,6 +164,7 @@ class Report(Progress):
             "preset": options.preset,
             "data": [str(folder) for folder in options.data],
             "started_from": None if self._origin is None else dict(self._origin),
+            "first_frame": trainer.batches_before * config.batch_size,
             "samples": seen,
             # every epoch goes through all samples once
             "distinct_frames": min(seen, self._samples),

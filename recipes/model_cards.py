@@ -18,7 +18,7 @@ import perception
 from bev_driving_env.files import write_text
 from bev_driving_env.markdown import markdown
 from perception.shipped import shipped_path
-from perception.starting import predecessors
+from perception.starting import distinct_frames, predecessors
 from perception.weights import load_predictor, predictor_card
 
 ABOUT = {
@@ -55,8 +55,9 @@ def card_text(name: str, measured: Sequence[Row]) -> str:
         [
             "Frames",
             f"{card['samples']:,} in {card['steps']:,} steps of {card['batch_size']}; "
-            f"{card['distinct_frames']:,} distinct ones, every one with a look of its own; the "
-            f"weights are those after step {card['best_step']:,}",
+            f"the weights are those after step {card['best_step']:,}; {distinct_frames(card):,} "
+            f"different ones, each with a look of its own"
+            + (", with those of what it goes on from" if before else ""),
         ],
         ["Loss", f"{card['loss']}, weighting {_weighting(card)}"],
         ["Time", f"{60 * card['hours']:.0f} minutes on one shared core, {card['precision']}"],

@@ -8,7 +8,7 @@ import torch
 
 from perception.models.cvt_config import FAST
 from perception.models.presets import ModelSpec
-from perception.starting import output_layers, predecessors, start_from
+from perception.starting import distinct_frames, output_layers, predecessors, start_from
 from perception.training import Trainer, TrainingConfig
 from perception.weights import Predictor, WeightsError, save_predictor
 
@@ -49,6 +49,33 @@ def test_the_card_tells_of_all_that_came_before(tiny_spec, tmp_path):
         start = start_from(tmp_path / "old.safetensors", tiny_spec)
         told = {"started_from": {"sha256": start.digest, **start.card}}
     assert [each["samples"] for each in predecessors(told)] == [30, 20, 10]
+
+
+def test_other_frames_come_than_those_before(tiny_spec, tmp_path):
+    def file(card):
+        predictor = Predictor(tiny_spec, tiny_spec.build(), (0.5,) * 6, tiny_spec.camera_size, card)
+        save_predictor(predictor, tmp_path / "old.safetensors")
+        return tmp_path / "old.safetensors"
+
+    start = start_from(file({"samples": 10, "started_from": {"samples": 5}}), tiny_spec)
+    assert start.frames == 15
+    assert Trainer(CONFIG, tiny_spec, start=start).batches_before == 8  # of 2
+    assert Trainer(CONFIG, tiny_spec).batches_before == 0
+    unknown = start_from(file({"machine": "toy"}), tiny_spec)
+    assert Trainer(CONFIG, tiny_spec, start=unknown).batches_before == 0
+
+
+def test_frames_that_came_again_count_once():
+    def card(data, samples, before=None, **more):
+        return {"data": [data], "seeds": [0], "samples": samples, "started_from": before, **more}
+
+    smooth = card("smooth", 30)
+    assert distinct_frames(smooth) == 30
+    assert distinct_frames(card("a", 50, card("a", 20, smooth))) == 30 + 50
+    assert distinct_frames(card("a", 20, card("a", 50, smooth))) == 30 + 50
+    assert distinct_frames(card("a", 20, card("a", 50, smooth), first_frame=80)) == 30 + 50 + 20
+    assert distinct_frames(card("a", 20, card("a", 50), first_frame=40)) == 60
+    assert distinct_frames({**card("a", 20, card("a", 50)), "seeds": [1]}) == 70
 
 
 @pytest.mark.parametrize("channels", [("road", "lane"), ("lights",)])

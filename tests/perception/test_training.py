@@ -16,12 +16,11 @@ from bev_driving_env.training.optimisation import TrainingError
 from perception.loading import BatchPlan, batches_in_order, sample_loader
 from perception.metrics import channel_iou
 from perception.samples import BEVSamples
+from perception.starting import Start
 from perception.training import Pace, Trainer
 from perception.training_config import TrainingConfig
 
 NEEDS = frozenset({"ground", "route_map"})
-
-
 pytestmark = pytest.mark.usefixtures("one_thread")
 
 
@@ -166,6 +165,23 @@ def test_a_checkpoint_of_another_training_is_refused_by_what_differs(tiny_spec, 
     ):
         with pytest.raises(TrainingError, match=message):
             other.restore(path)
+
+
+def test_a_training_that_goes_on_from_a_predictor_sees_the_frames_after_its(samples, tiny_spec):
+    seen = []
+
+    class Noting(Trainer):
+        def learn(self, batch, weights=None):
+            seen[-1].append(batch.numbers.tolist())
+            return super().learn(batch, weights)
+
+    weights = tiny_spec.build().state_dict()
+    for frames in (0, 4):
+        seen.append([])
+        start = Start(weights, "toy", {"samples": frames})
+        trained(Noting(config(), tiny_spec, start=start), samples, until=4)
+    assert seen[1][:2] == seen[0][2:]
+    assert seen[1][2:] != seen[0][:2]
 
 
 def test_the_pace_is_frames_and_waiting_in_the_time_of_training(samples, tiny_spec):
