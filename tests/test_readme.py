@@ -86,10 +86,13 @@ def test_benchmark_line_runs_as_written(command, tmp_path):
     assert program == "bev-bench"
     printed = run([sys.executable, "-m", "benchmarks.cli", *arguments], tmp_path)
     town = arguments[arguments.index("--town") + 1] if "--town" in arguments else "Town01"
-    assert f"{town} route (m)" in printed or f"| {town} |" in printed
+    doses = "--suite corruptions" in command
+    header = "| Error model " if doses else f"{town} route (m)"
+    assert header in printed or f"| {town} |" in printed
     out = tmp_path / arguments[arguments.index("--out") + 1]
     assert (out / f"map_{town.rpartition(':')[2]}.png").exists()
     assert any(out.glob("videos/*.mp4")) == ("--video" in arguments)
+    assert (out / "dose_response.png").exists() == doses
 
 
 @pytest.mark.parametrize("command", re.findall(r"^(bev-bench .*)$", BASH, flags=re.MULTILINE))
